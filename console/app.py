@@ -1,6 +1,6 @@
 """The FastAPI application: routes, one JSON line for every error, and the guard in front of all of it."""
 
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -13,18 +13,10 @@ from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from console.address import Address
-from console.calibration import CalibrationRefused
-from console.campaigns.campaigns import CampaignRefused, NoCampaign
-from console.description import describe, operation_id
 from console.guard import Guard
-from console.heartbeats import heartbeat
+from console.live.heartbeats import heartbeat
 from console.parts import Parts, parts_of
-from console.queue.file import QueueFileError
-from console.queue.queue import NoSuchEntry, QueueRefused
-from console.queue.sweep import SweepRefused
-from console.review.columns import ColumnsGone
-from console.review.logs import NotReviewable
-from console.review.search import FilterRefused
+from console.refused import Refused
 from console.routes import (
     access,
     calibration,
@@ -32,36 +24,34 @@ from console.routes import (
     campaigns,
     control,
     description,
-    foxglove,
     jobs,
     layouts,
     live,
     logs,
     pages,
-    playback,
     policy,
     queue,
     recordings,
     retention,
     review,
-    robot,
     scene,
     teleoperation,
     training,
     trials,
 )
+from console.routes.description import describe, operation_id
 from console.routes.problems import problems
-from console.routes.retention import InUse
-from console.sign_in import NameTaken
 from console.templates import error_page, is_page
-from console.trials.card import NoTrial
+from rtstack.access.tokens import NoSuchToken, TokensError
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
+from rtstack.log_folder.log_rows import NoReference
+from rtstack.log_folder.search import FilterRefused
 from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
-    pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, layouts, retention,
-    live, cameras, review, scene, teleoperation, policy, training, recordings, calibration, foxglove,
+    pages, description, access, live, control, jobs, queue, trials, campaigns, logs, layouts, retention,
+    cameras, review, scene, teleoperation, policy, training, recordings, calibration,
 )  # fmt: skip
 
 
@@ -90,9 +80,8 @@ def create_app(parts: Parts, address: Address) -> FastAPI:
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _bad_request)
-    app.add_exception_handler(NotReviewable, _not_reviewable)
-    for kind, status in _STATUSES.items():
-        app.add_exception_handler(kind, _with(status))
+    for kind in (Refused, *_STATUSES):
+        app.add_exception_handler(kind, _refused)
     app.add_middleware(Guard, sign_in=parts.sign_in, address=address)
     return app
 
@@ -127,20 +116,16 @@ def _bad_request(request: Request, error: Exception) -> Response:
     return _answer(request, 422, " ".join(f"{key}: {first['msg']}".split()))
 
 
-def _not_reviewable(request: Request, error: Exception) -> Response:
-    assert isinstance(error, NotReviewable)
-    return _answer(request, error.status, str(error))
-
-
-def _with(status: int) -> Callable[[Request, Exception], Response]:
-    return lambda request, error: _answer(request, status, str(error))
+def _refused(request: Request, error: Exception) -> Response:
+    own = error.status if isinstance(error, Refused) else None
+    status = own or next(_STATUSES[kind] for kind in type(error).__mro__ if kind in _STATUSES)
+    return _answer(request, status, str(error))
 
 
 _STATUSES: dict[type[Exception], int] = {
-    RobotRefused: 409, NameTaken: 409, QueueRefused: 409, CampaignRefused: 409, ColumnsGone: 409, InUse: 409,
-    CalibrationRefused: 409,
-    NoCampaign: 404, NoSuchEntry: 404, NoTrial: 404,
-    FilterRefused: 422, SweepRefused: 422,
-    QueueFileError: 500, LogError: 500, AcceptanceError: 500,
+    NoSuchToken: 404,
+    RobotRefused: 409, NoReference: 409, TokensError: 409,
+    FilterRefused: 422,
+    LogError: 500, AcceptanceError: 500,
     RobotUnreachable: 503,
 }  # fmt: skip

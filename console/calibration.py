@@ -7,30 +7,26 @@ own, so that the page's signs of life are not late.
 import datetime
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from console.questions import Question, Questions, Refused
-from console.watch import Watch
-from hal.configuration import ConfigurationError
-from rtstack.calibration.cell_file import write
-from rtstack.calibration.points import Point, load_points, save_points
+from console.live.watch import Watch
+from console.questions.questions import Question, Questions
+from console.refused import Refused
+from hal.base.configuration import ConfigurationError
+from rtstack.calibration.points import Point, load_points, save_points, write
 from rtstack.cells import default_cell_file
 from rtstack.loop.standstill import REST_DQ
 from rtstack.model.cell_description import load_cell_description
-from rtstack.samples import SIDES
 
 FILE_NAME = "calibration.toml"  # in the folder of logs
 LOOKS = 50  # states that a point is the mean of
 _SILENT_S, _PATIENCE_S = 1.0, 10.0  # no state for so long; and until there are enough
 MOST = 200
-
-
-class CalibrationRefused(Exception):
-    """Something that the calibration does not do now. The message is one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +70,10 @@ class CellCalibration:
         self._lock = threading.Lock()
 
     def view(self) -> CalibrationView:
-        """Return how things are; asks for a fit where there is none of these points. Raises CalibrationRefused."""
-        points, now = self._points(), self._read(lambda: load_cell_description(self._file)).calibration
-        answer, why, question = {}, None, self._fit(points)
+        """Return how things are; asks for a fit where there is none of these points. Raises Refused."""
+        cell = self._read(lambda: load_cell_description(self._file))
+        points, now = self._points(), cell.calibration
+        answer, why, question = {}, None, self._fit(points, self._watch.sides)
         if question is not None and question.done:
             try:
                 answer = question.answer()
@@ -91,7 +88,7 @@ class CellCalibration:
             None if now is None else now.rms_mm,
             None if now is None else now.uncertainty_mm,
             tuple(
-                PointView(name, p.what, p.side, p.asked, p.measured, off.get(name), name in wrong)
+                PointView(name, p.what, p.side, p.asked, p.measured(self._watch.sides), off.get(name), name in wrong)
                 for name, p in points.items()
             ),
             question is not None and not question.done,
@@ -101,19 +98,20 @@ class CellCalibration:
         )
 
     def put(self, name: str, point: Point) -> None:
-        """Add a point that is to be measured. Raises CalibrationRefused."""
+        """Add a point that is to be measured. Raises Refused."""
         with self._lock:
             points = self._points()
             if name in points:
-                raise CalibrationRefused(f"there is a point {name} already: remove it first")
+                raise Refused(409, f"there is a point {name} already: remove it first")
             if len(points) >= MOST:
-                raise CalibrationRefused(f"{MOST} points are enough: remove some")
+                raise Refused(409, f"{MOST} points are enough: remove some")
             self._save({**points, name: point})
 
     def remove(self, name: str) -> None:
-        """Forget a point. Raises CalibrationRefused, KeyError."""
+        """Forget a point. Raises Refused."""
         with self._lock:
             points = self._points()
+            _check_known(name, points)
             del points[name]
             if points:
                 self._save(points)
@@ -121,37 +119,35 @@ class CellCalibration:
                 self._path.unlink()
 
     def take(self, name: str) -> None:
-        """Measure a point as the arms stand now: the mean of some states. Raises CalibrationRefused, KeyError."""
-        if name not in self._points():
-            raise KeyError(name)
+        """Measure a point as the arms stand now: the mean of some states. Raises Refused."""
+        _check_known(name, self._points())
         q, tau = self._states()
         with self._lock:
             points = self._points()
-            self._save({**points, name: points[name].taken(q, tau)})
+            _check_known(name, points)
+            self._save({**points, name: points[name].taken(q, tau, self._watch.sides)})
 
     def write(self) -> None:
-        """Write what was found into the cell's file. Raises CalibrationRefused."""
+        """Write what was found into the cell's file. Raises Refused."""
         if self._file.resolve() == default_cell_file().resolve():
-            raise CalibrationRefused(
+            raise Refused(
+                409,
                 "this is the example's cell, whose file is not changed: start the stack with --cell-file and one of "
-                "your own"
+                "your own",
             )
-        question = self._fit(self._points())
+        question = self._fit(self._points(), self._watch.sides)
         if question is None:
-            raise CalibrationRefused("no point was measured yet")
-        try:
-            answer = question.answer()
-        except Refused as error:
-            raise CalibrationRefused(str(error)) from None
+            raise Refused(409, "no point was measured yet")
+        answer = question.answer()
         if answer["refusal"] is not None:
-            raise CalibrationRefused(answer["refusal"])
+            raise Refused(409, answer["refusal"])
         values = {tuple(key.split(".")): value for key, value in answer["values"].items()}
         values["calibration", "date"] = datetime.date.fromisoformat(values["calibration", "date"])
         with self._lock:
             self._read(lambda: write(self._file, values))
 
-    def _fit(self, points: dict[str, Point]) -> Question | None:
-        measured = any(point.measured for point in points.values())
+    def _fit(self, points: dict[str, Point], sides: Sequence[str]) -> Question | None:
+        measured = any(point.measured(sides) for point in points.values())
         today = datetime.date.today().isoformat()
         return self._questions.ask("calibration", self._path, today) if measured else None
 
@@ -166,23 +162,28 @@ class CellCalibration:
         try:
             return act()
         except ConfigurationError as error:
-            raise CalibrationRefused(str(error)) from None
+            raise Refused(409, str(error)) from None
 
     def _states(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return joints and external torques of both arms at rest, (2, 7) each, rad and Nm."""
-        if max(self._watch.view.left.age_s, self._watch.view.right.age_s) > _SILENT_S:
-            raise CalibrationRefused("the arms say nothing: is the cell's state red?")
-        readers = [self._watch.rings.reader(f"/{side}/arm") for side in SIDES]
-        seen: list[list[np.ndarray]] = [[], []]
+        """Return joints and external torques of the arms at rest, (arms, 7) each, rad and Nm."""
+        if max(arm.age_s for arm in self._watch.view.arms) > _SILENT_S:
+            raise Refused(409, "the arms say nothing: is the cell's state red?")
+        readers = [self._watch.rings.reader(f"/{side}/arm") for side in self._watch.sides]
+        seen: list[list[np.ndarray]] = [[] for _ in readers]
         due_s = time.monotonic() + _PATIENCE_S
         while min(sum(map(len, own)) for own in seen) < LOOKS:
             if time.monotonic() > due_s:
-                raise CalibrationRefused("the arms have fallen silent: take the point again")
+                raise Refused(409, "the arms have fallen silent: take the point again")
             time.sleep(0.01)
             for own, reader in zip(seen, readers, strict=True):
                 own.append(reader.drain())
         states = [np.concatenate(own) for own in seen]
         if max(float(np.abs(own["dq"].mean(axis=0)).max()) for own in states) > REST_DQ:
-            raise CalibrationRefused("the arms move: let them come to rest, then take the point")
+            raise Refused(409, "the arms move: let them come to rest, then take the point")
         mean = [[own[name].mean(axis=0) for own in states] for name in ("q", "tau_ext_hat_filtered")]
         return np.array(mean[0]), np.array(mean[1])
+
+
+def _check_known(name: str, points: dict[str, Point]) -> None:
+    if name not in points:
+        raise Refused(404, "there is no point of this name")

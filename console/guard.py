@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from console.address import Address
 from console.sign_in import SignIn, UserSession, csrf_matches
 from console.templates import is_page, sign_in_page
-from console.tokens import Scope as Right
+from rtstack.access.tokens import Scope as Right
 
 CSRF_HEADER = "x-csrf-token"
 MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded

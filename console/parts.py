@@ -1,36 +1,50 @@
 """What the console is made of, handed to every route: one frozen record instead of globals."""
 
-from dataclasses import dataclass, field
-from typing import Annotated
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request
+from fastapi.exceptions import HTTPException
 from fastapi.requests import HTTPConnection
 
+from console.address import Address
 from console.calibration import CellCalibration
 from console.campaigns.campaigns import Campaigns
-from console.heartbeats import OperatorHeartbeats
-from console.preview import Preview
-from console.questions import Questions
+from console.live.heartbeats import OperatorHeartbeats
+from console.live.watch import STATUS_TIMEOUT_S, Watch
+from console.questions.questions import Questions
+from console.queue.queue import FILE_NAME as QUEUE_FILE
 from console.queue.queue import Queue
+from console.queue.runner import QueueRunner
+from console.refused import Refused
 from console.review.cache import ReviewCache
 from console.review.layouts import Layouts
 from console.review.scene import ReviewScenes
-from console.scenes import Scenes
+from console.scene.ghost import GhostPlayer
+from console.scene.preview import Preview
+from console.scene.scenes import Scenes
 from console.sign_in import SignIn, UserSession
 from console.teleoperation.teleop_input import TeleopInput
 from console.training.trainer import Trainer
-from console.trials.impact import Impacts
-from console.watch import Watch
+from rtstack.access.tokens import Tokens
+from rtstack.live.audit import FILE_NAME as AUDIT_FILE
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RobotClient, RobotRefused
-from rtstack.log.catalogue import Catalogue
+from rtstack.log.ring import Rings
+from rtstack.log_folder.catalogue import Catalogue
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+from rtstack.trials.object import check_two_arms
+
+Closed = TypeVar("Closed", bound=Any)  # something with a method `close`
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The console's parts. Their creator closes them. profile: of our simulated robot, "" for any other."""
+    """The console's parts. `assemble` makes them. profile: of our simulated robot, "" for any other."""
 
     sign_in: SignIn
     audit: AuditTrail
@@ -52,7 +66,49 @@ class Parts:
     layouts: Layouts
     calibration: CellCalibration
     profile: str = ""
-    impacts: Impacts = field(default_factory=Impacts)
+
+
+def assemble(
+    stack: ExitStack, address: Address, cell: CellDescription, cell_file: Path, logs: Path, socket_path: Path,
+    mailbox: Mailbox, rings: Rings, profile: str = "", patience_s: float = STATUS_TIMEOUT_S,
+) -> Parts:  # fmt: skip
+    """Make the parts, and begin to watch. The stack closes them. Raises Refused, OSError.
+
+    socket_path: the robot process's; patience_s: for its status.
+    """
+
+    def kept(part: Closed) -> Closed:
+        return stack.enter_context(closing(part))
+
+    audit = kept(AuditTrail(logs / AUDIT_FILE))
+    client, heartbeats, catalogue = kept(RobotClient(socket_path)), OperatorHeartbeats(), Catalogue(logs)
+    watch = kept(Watch(rings, kept(RobotClient(socket_path, patience_s)), heartbeats, cell))
+    watch.start()
+    teleop, ghost, questions = TeleopInput(mailbox, watch), GhostPlayer(logs), kept(Questions(cell))
+    queue = Queue(logs / QUEUE_FILE)
+    kept(QueueRunner(queue, kept(RobotClient(socket_path, patience_s)), catalogue, watch.learn)).start()
+    return Parts(
+        sign_in=SignIn(address, Tokens(logs), audit),
+        audit=audit,
+        cell=cell,
+        client=client,
+        mailbox=mailbox,
+        heartbeats=heartbeats,
+        watch=watch,
+        catalogue=catalogue,
+        scenes=kept(Scenes(cell, watch, teleop, questions, ghost)),
+        teleop=teleop,
+        review_cache=kept(ReviewCache(logs)),
+        review_scenes=kept(ReviewScenes(cell)),
+        queue=queue,
+        campaigns=kept(Campaigns(logs)),
+        preview=kept(Preview(cell_file, ghost, profile)),
+        trainer=kept(Trainer(watch)),
+        questions=questions,
+        layouts=Layouts(logs),
+        calibration=CellCalibration(cell_file, logs, questions, watch),
+        profile=profile,
+    )
 
 
 def parts_of(connection: HTTPConnection) -> Parts:
@@ -72,10 +128,6 @@ def session_now(connection: HTTPConnection) -> UserSession | None:
     return parts_of(connection).sign_in.session(connection.scope["state"]["session"].key)
 
 
-def _get_parts(request: Request) -> Parts:
-    return parts_of(request)
-
-
 def _get_session(request: Request) -> UserSession:
     return request.state.session  # the guard refuses these routes without one
 
@@ -88,6 +140,25 @@ def _get_holder(request: Request) -> UserSession:
     return session
 
 
+def check_objects(parts: Parts, field: str, *names: str) -> None:
+    """Raise Refused where the cell lacks one of these objects. field: of the request, which has their names."""
+    for name in names:
+        if name not in parts.cell.objects:
+            raise Refused(409, f"{field}: the cell has no {name}; it has {', '.join(parts.cell.objects)}")
+
+
+def takes_two_arms(what: str) -> Any:
+    """Return a route's dependency that refuses `what` in a cell with one arm, with status 409 and one line."""
+
+    def check(request: Request) -> None:
+        try:
+            check_two_arms(parts_of(request).cell, what)
+        except TrialError as error:
+            raise HTTPException(409, str(error)) from None
+
+    return Depends(check)
+
+
 NeedsHolder = Annotated[UserSession, Depends(_get_holder)]
 NeedsSession = Annotated[UserSession, Depends(_get_session)]
-NeedsParts = Annotated[Parts, Depends(_get_parts)]
+NeedsParts = Annotated[Parts, Depends(parts_of)]

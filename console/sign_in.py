@@ -9,7 +9,8 @@ import time
 from dataclasses import dataclass, field, replace
 
 from console.address import Address
-from console.tokens import Scope, Token, Tokens
+from console.refused import Refused
+from rtstack.access.tokens import Scope, Token, Tokens
 from rtstack.live.audit import AuditTrail
 
 _SESSION_S = 12 * 3600.0  # a shift
@@ -18,10 +19,6 @@ INVITATION_S = 600.0
 _MAX_INVITATIONS = 32
 PAIRING_S = 120.0
 CODE_DIGITS, MAX_GUESSES = 6, 5  # five guesses at a million: one in 200,000 is right
-
-
-class NameTaken(Exception):
-    """Another session has the name. The message is one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +179,10 @@ class SignIn:
         self._audit.note("sign out", session.operator, f"{session.operator} signed out")
 
     def rename(self, session: UserSession, operator: str) -> UserSession:
-        """Return the session under the name that it gives itself. Raises NameTaken while another session has it."""
+        """Return the session under the name that it gives itself. Raises Refused while another session has it."""
         with self._lock:
             if self._has(operator, but=session.key):
-                raise NameTaken(f"another session calls itself {operator}; choose another name")
+                raise Refused(409, f"another session calls itself {operator}; choose another name")
             renamed = replace(session, operator=operator)
             if session.key in self._sessions:
                 self._sessions[session.key] = renamed

@@ -1,22 +1,44 @@
 """The pages' templates: a page for a signed-in session, the page without one, and the page of an error."""
 
+import re
+from functools import cache
 from http import HTTPStatus
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from console.address import Address
-from console.mode_sheet import MODE_WORDS
-from console.page_script import page_script
 from console.parts import Parts
 from console.sign_in import UserSession
+from rtstack.palette import MODE_STYLES
+
+_FOLDER = Path(__file__).parent / "static" / "js"
+_IMPORT = re.compile(r"""^import\s[^"';]*["'](\.[^"']+)["'];""", re.MULTILINE)
+
+
+@cache
+def imported(name: str) -> tuple[str, ...]:
+    """Return the modules that a module imports, and what they import, each once; paths below static/js."""
+    found: dict[str, None] = {}
+    for other in _IMPORT.findall((_FOLDER / name).read_text()):
+        path = (_FOLDER / PurePosixPath(name).parent / other).resolve().relative_to(_FOLDER.resolve()).as_posix()
+        found |= dict.fromkeys((path, *imported(path)))
+    return tuple(found)
+
+
+def page_script(name: str) -> Markup:
+    """Return the tags for a page's script: what it imports is fetched beside it, not after it."""
+    tags = [Markup('<link rel="modulepreload" href="/static/js/{}">').format(path) for path in imported(name)]
+    return Markup("\n  ").join([*tags, Markup('<script type="module" src="/static/js/{}"></script>').format(name)])
+
 
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "pages"), autoescape=True, undefined=StrictUndefined
 )
-TEMPLATES.globals["mode_words"] = MODE_WORDS
+TEMPLATES.globals["mode_words"] = {mode.name: style.word for mode, style in MODE_STYLES.items()}
 TEMPLATES.globals["page_script"] = page_script
 
 # answers for programs and for the pages' scripts; every other address is a page
@@ -28,12 +50,33 @@ def is_page(method: str, path: str) -> bool:
     return method in ("GET", "HEAD") and not path.startswith(_NOT_PAGES)
 
 
+def mode_sheet() -> str:
+    """Return the style sheet of the modes, from rtstack.palette.
+
+    A mode's colour is `--mode` below any element with `data-mode`, and `--mode-NAME` everywhere.
+    """
+    dark = " ".join(f"{_variable(mode.name)}: {style.colour};" for mode, style in MODE_STYLES.items())
+    light = " ".join(f"{_variable(mode.name)}: {style.light};" for mode, style in MODE_STYLES.items())
+    each = "\n".join(f'[data-mode="{mode.name}"] {{ --mode: var({_variable(mode.name)}); }}' for mode in MODE_STYLES)
+    return f':root {{ {dark} }}\n:root[data-theme="light"] {{ {light} }}\n{each}\n'
+
+
+def _variable(name: str) -> str:
+    return f"--mode-{name.lower().replace('_', '-')}"
+
+
 def show(template: str, page: str, request: Request, parts: Parts, **more: object) -> HTMLResponse:
     """Render a page for who is signed in. page: its name in the rail; more: what this template alone needs."""
     session: UserSession = request.state.session
     return HTMLResponse(
         TEMPLATES.get_template(template).render(
-            csrf=session.csrf, scope=session.scope, page=page, cell=parts.cell, profile=parts.profile, **more
+            csrf=session.csrf,
+            scope=session.scope,
+            page=page,
+            cell=parts.cell,
+            profile=parts.profile,
+            two_arms=len(parts.cell.arms) == 2,
+            **more,
         )
     )
 

@@ -1,5 +1,7 @@
 """A policy that sees by a camera: it finds the box in the picture, and grabs it where it stands. No tracker is asked.
 
+Its way to the box comes from the package `examples/learned_grab`: `pip install examples/learned_grab` first.
+
 python 12_policy_that_looks.py
 """
 
@@ -7,15 +9,15 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+from learned_grab.scripted import scripted_way
 
 from hal.displacement import Displacement
 from rtstack.cells import default_cell_file, load_description, open_cell
 from rtstack.log.reader import read_log
-from rtstack.papers.learned_grab.scripted import scripted_way
-from rtstack.trials.policy import run_policy
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification
+from rtstack.trials.teleoperation import run_policy
 
 CAMERA = """
 [cameras.above]

@@ -1,27 +1,29 @@
-"""A cell: two arms and what watches the object between them."""
+"""A cell: one arm or two, and what watches the object."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from hal.arm import Arm
-from hal.arrays import Array
-from hal.collisions import CollisionBehaviour
+from hal.base.arrays import Array
 from hal.cycle import Cycles
 from hal.errors import RecoveryRefused
 from hal.joint_path import JointSpeed
-from hal.limits import OwnLimits
+from hal.limits import CollisionBehaviour, OwnLimits
 from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
 
-LEFT, RIGHT = 1, 2  # of the mask that `ArmLink.wait` returns
+LEFT, RIGHT = 1, 2  # of the mask that `ArmLink.wait` returns: the first arm's bit, and the second one's
 
 
 class ArmLink(Protocol):
-    """What both arms of a cell need together, where each of them is a machine of its own."""
+    """What the arms of a cell need together, where each of them is a machine of its own.
+
+    What is given for each arm is in the order of the arms, left before right. A cell's only arm is the first one.
+    """
 
     def start(self) -> None:
-        """Take torque control of both at once. Raises CommandRejected, ConnectionLost."""
+        """Take torque control of all arms at once. Raises CommandRejected, ConnectionLost."""
         ...
 
     def wait(self) -> int:
@@ -31,34 +33,34 @@ class ArmLink(Protocol):
         """
         ...
 
-    def set_collisions(self, left: CollisionBehaviour, right: CollisionBehaviour) -> None:
-        """Tell both arms how hard they may be touched in the next motion. Raises CommandRejected, ConnectionLost."""
+    def set_collisions(self, *arms: CollisionBehaviour) -> None:
+        """Tell each arm how hard it may be touched in the next motion. Raises CommandRejected, ConnectionLost."""
         ...
 
     def move(self, goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
-        """Move both arms together, from rest to rest, to the postures goal (2, 7), rad, no joint faster than the limit.
+        """Move the arms together, from rest to rest, to the postures goal (arms, 7), rad, no joint faster than this.
 
-        `stop` is asked once a millisecond; then both brake where they are. Returns whether they have arrived.
+        `stop` is asked once a millisecond; then they brake where they are. Returns whether they have arrived.
         Raises CommandRejected, ConnectionLost.
         """
         ...
 
     def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
-        """End torque control of both, one after the other, beginning with LEFT or RIGHT. Never raises.
+        """End torque control, one arm after the other, beginning with LEFT or RIGHT. Never raises.
 
-        at_rest: both stand still; then the second one is answered for as long as the first one takes.
+        at_rest: the arms stand still; then the second one is answered for as long as the first one takes.
         """
         ...
 
     def recover(self) -> tuple[str, ...]:
-        """Recover the arms that are in reflex, both before saying no; return one line for each that was.
+        """Recover the arms that are in reflex, all before saying no; return one line for each that was.
 
         Raises RecoveryRefused with the reasons of all that refuse, ConnectionLost.
         """
         ...
 
     def close(self) -> None:
-        """Release what belongs to both. Never raises."""
+        """Release what belongs to the arms together. Never raises."""
         ...
 
 
@@ -66,35 +68,50 @@ class ArmLink(Protocol):
 class Cell:
     """What a trial runs on. `name` is the kind as the command line spells it (direct, realtime, fci:LEFT,RIGHT).
 
-    link: None where arms start with their first torque. own_clocks: the arms' states do not arrive together, and
-    each has to be answered when its own arrives; otherwise `read` gives both arms' states of one time stamp.
+    left, right: None where the cell has no such arm; it has at least one. link: None where arms start with their first
+    torque. own_clocks: the arms' states do not arrive together, and each has to be answered when its own arrives;
+    otherwise `read` gives all arms' states of one time stamp.
     paced: arms that wait, but keep the pace of the host's clock: it depends on who serves them.
     warning: what its user must know, in one line; empty for nothing. sensors: of no topic twice.
-    own_limits: of the left and the right robot, as they say themselves; None where they were not asked.
-    cycles: of the left and the right arm, where they are measured.
+    own_limits: of each robot, as it says itself; None where they were not asked. cycles: of each arm, where they are
+    measured.
     """
 
     name: str
-    left: Arm
-    right: Arm
+    left: Arm | None
+    right: Arm | None
     tracker: ObjectTracker
     link: ArmLink | None = None
     own_clocks: bool = False
     paced: bool = False
     warning: str = ""
     sensors: tuple[Sensor, ...] = ()
-    own_limits: tuple[OwnLimits, OwnLimits] | None = None
-    cycles: tuple[Cycles, Cycles] | None = None
+    own_limits: tuple[OwnLimits, ...] | None = None
+    cycles: tuple[Cycles, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.left is None and self.right is None:
+            raise ValueError("a cell has at least one arm")
+
+    @property
+    def arms(self) -> tuple[Arm, ...]:
+        """The arms that are there, left before right."""
+        return tuple(arm for arm in (self.left, self.right) if arm is not None)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The side of each arm."""
+        return tuple(side for side, arm in (("left", self.left), ("right", self.right)) if arm is not None)
 
     @property
     def waits(self) -> bool:
         """Whether the arms are of one robot on the wire that waits for its answer."""
         return self.link is not None and not self.own_clocks
 
-    def set_collisions(self, left: CollisionBehaviour, right: CollisionBehaviour) -> None:
+    def set_collisions(self, *arms: CollisionBehaviour) -> None:
         """See ArmLink; the plant in this process has no thresholds."""
         if self.link is not None:
-            self.link.set_collisions(left, right)
+            self.link.set_collisions(*arms)
 
     def start(self) -> None:
         """Take torque control, where it has to be asked for. Raises CommandRejected, ConnectionLost."""
@@ -102,20 +119,20 @@ class Cell:
             self.link.start()
 
     def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
-        """End torque control of both; see ArmLink. Never raises."""
+        """End torque control; see ArmLink. Never raises."""
         if self.link is not None:
             self.link.stop(first, at_rest=at_rest)
             return
-        for arm in (self.left, self.right) if first == LEFT else (self.right, self.left):
+        for arm in self.arms if first == LEFT else reversed(self.arms):
             arm.stop()
 
     def recover(self) -> None:
-        """Recover both arms, both before saying no. Raises RecoveryRefused with what each of them says."""
+        """Recover the arms, all before saying no. Raises RecoveryRefused with what each of them says."""
         if self.link is not None:
             self.link.recover()
             return
         refused: list[str] = []
-        for arm in (self.left, self.right):
+        for arm in self.arms:
             try:
                 arm.recover()
             except RecoveryRefused as error:
@@ -124,8 +141,8 @@ class Cell:
             raise RecoveryRefused("; ".join(refused))
 
     def close(self) -> None:
-        """Stop both arms and release them. Never raises."""
-        self.left.close()
-        self.right.close()
+        """Stop the arms and release them. Never raises."""
+        for arm in self.arms:
+            arm.close()
         if self.link is not None:
             self.link.close()

@@ -10,8 +10,10 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from enum import EnumMeta
 from functools import cache, partial
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any, cast
 
 import numba
@@ -20,8 +22,7 @@ from numba.core import config, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
 from numba.extending import intrinsic
 
-from hal.compiled_from import digest_of
-from hal.files import locked
+from hal.base.files import locked
 
 _TYPES: dict[Any, Any] = {}  # of arrays that were bound
 
@@ -121,7 +122,7 @@ def cache_folder() -> Path:
 
     Where that cannot be made, one for temporary files.
     """
-    if chosen := config.CACHE_DIR:
+    if chosen := config.CACHE_DIR:  # pyright: ignore[reportAttributeAccessIssue]  # numba sets it at import
         return Path(chosen)
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     try:
@@ -170,3 +171,75 @@ class _Cache(FunctionCache):
     def _stamp(self) -> None:
         # now, not when it is decorated: what it calls may stand below it
         self._cache_file._source_stamp = digest_of(self._function)
+
+
+def digest_of(function: Any) -> str:
+    """Return a digest that changes with anything that the machine code of a numba dispatcher is made from.
+
+    Its code, the constants that it takes from modules, and what it calls, found as numba finds them when it compiles:
+    no list of files has to be kept, and functions of any package are covered. The code in memory counts, not its file.
+    """
+    digest, waiting, seen = hashlib.sha256(), [function], set()
+    while waiting:
+        next_one = waiting.pop()
+        if id(next_one) in seen:
+            continue
+        seen.add(id(next_one))
+        own, called = _parts(next_one)
+        digest.update(own)
+        waiting.extend(called)
+    return digest.hexdigest()
+
+
+@cache  # numba takes globals as they are at the first compilation, too
+def _parts(function: Any) -> tuple[bytes, tuple[Any, ...]]:
+    """Return the digest of a compiled function (or numba intrinsic) alone, and those that its code names."""
+    source = _source(function)
+    # kept machine code names the module: it is imported when the code is loaded
+    words, called = [source.__module__, source.__qualname__, repr(source.__defaults__)], []
+    words.append(repr(getattr(function, "targetoptions", None)))
+    cells = dict(zip(source.__code__.co_freevars, source.__closure__ or (), strict=True))
+    for code in _nested(source.__code__):
+        constants = [value for value in code.co_consts if not isinstance(value, CodeType)]
+        words.append(repr((code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars)))
+        for name in (*code.co_names, *code.co_freevars):
+            found = cells[name].cell_contents if name in cells else source.__globals__.get(name)
+            of_module = (
+                [getattr(found, other, None) for other in code.co_names] if isinstance(found, ModuleType) else []
+            )
+            for value in (found, *of_module):
+                if _source(value) is None:
+                    words.append(f"{name} = {_told(value)}")
+                else:
+                    called.append(value)
+    return hashlib.sha256("\n".join(words).encode()).digest(), tuple(called)
+
+
+def _source(value: Any) -> Any:
+    """The Python function of what numba compiles, None of anything else."""
+    for name in ("py_func", "_defn"):  # of a dispatcher, of an intrinsic
+        if hasattr(getattr(value, name, None), "__code__"):
+            return getattr(value, name)
+    return None
+
+
+def _nested(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _nested(constant)
+
+
+def _told(value: Any) -> str:
+    """Return a text that is the same in each process, and another one for another value."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype!r} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, tuple | list):
+        return f"{type(value).__name__}({', '.join(map(_told, value))})"
+    if isinstance(value, EnumMeta):
+        return repr(list(value))
+    if hasattr(value, "__qualname__"):  # a class or function
+        return f"{value.__module__}.{value.__qualname__}"
+    if isinstance(value, ModuleType):  # its path is none of the code
+        return value.__name__
+    return repr(value)

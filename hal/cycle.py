@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from hal.record import Field, record_of
+from hal.base.record import Field, record_of
 
 CYCLE_FIELDS = (
     Field(

@@ -1,6 +1,5 @@
 """Extension points: what installed packages offer under a group of entry points, found by name, loaded when needed."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -48,7 +47,7 @@ class ExtensionPoint(Generic[T]):
         try:
             found = entry.load()
         except Exception as error:  # whatever the module of another author raises
-            from hal.extras import advice  # which brings more than a name costs to look up
+            from hal.base.extras import advice  # which brings more than a name costs to look up
 
             if isinstance(error, ModuleNotFoundError) and (lacking := advice(error.name)):
                 raise ExtensionError(f"{self.what} {name!r}: {lacking}") from error
@@ -82,12 +81,8 @@ class ExtensionPoint(Generic[T]):
 @cache
 def _offered(group: str) -> dict[str, list[EntryPoint]]:
     """Entry points by name: to read the metadata of all packages takes some 10 ms."""
-    return _by_name(entry_points(group=group))
-
-
-def _by_name(entries: Iterable[EntryPoint]) -> dict[str, list[EntryPoint]]:
     found: dict[str, list[EntryPoint]] = {}
-    for entry in entries:
+    for entry in entry_points(group=group):
         found.setdefault(entry.name, []).append(entry)
     return found
 

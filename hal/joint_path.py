@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 # of s(x) = 10 x^3 - 15 x^4 + 6 x^5 over x = 0..1: the largest slope (at 1/2) and curvature (at 1/2 -+ sqrt(3)/6)
 _STEEPEST, _MOST_CURVED = 15.0 / 8.0, 10.0 / np.sqrt(3.0)

@@ -1,10 +1,10 @@
-"""What this stack is written for, 7 joints at 1 kHz, and what a limit of an arm is. The numbers: hal/robots/*.toml."""
+"""What this stack is written for, 7 joints at 1 kHz; limits and thresholds of an arm. Numbers: hal/robots/*.toml."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 # The one place for both. Compiled records, the wire and the log have these sizes: an arm of another kind needs more
 # than a description (docs/howto/robot.md)
@@ -15,6 +15,21 @@ CONTROL_PERIOD_S = 1.0 / CONTROL_RATE_HZ
 # An external torque that is a collision and no impact that was meant, Nm: what hal asks of the robot, and what the
 # safety judge bounds. Ours: wanted impacts reach some 40 Nm at the base and 15 Nm at the wrist.
 COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionBehaviour:
+    """Thresholds of contact (flags only) and collision (reflex): joints (7,) Nm, pad (6,) N and Nm.
+
+    By default those of a grab by impact, which must not be a collision: the vendor's examples stop at 20 N, which every
+    wanted impact exceeds. A robot takes them between two motions only; what a phase of a motion may exert is the safety
+    judge's (rtstack.safety.limits), and these are the line behind it.
+    """
+
+    contact_torques: tuple[float, ...] = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
+    collision_torques: tuple[float, ...] = COLLISION_TORQUES
+    contact_forces: tuple[float, ...] = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
+    collision_forces: tuple[float, ...] = (250.0, 250.0, 250.0, 80.0, 80.0, 80.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as checked
 
-from hal.arrays import Array
-from hal.configuration import STRICT, NotNegative, Real
+from hal.base.arrays import Array
+from hal.base.configuration import STRICT, NotNegative, Real
 
 Vector = tuple[Real, Real, Real]
 Moments = tuple[Real, Real, Real, Real, Real, Real]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.record import JOINTS, MATRIX, WRENCH, Field, record_of
+from hal.base.record import JOINTS, MATRIX, WRENCH, Field, record_of
 from hal.robot_errors import ROBOT_ERRORS
 
 

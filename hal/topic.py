@@ -5,14 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from hal.record import Field, record_of
+from hal.base.record import Field, record_of
 
 PACKAGE = "rtstack"  # of the messages whose schema is made from the table
 
 
 @dataclass(frozen=True)
 class Message:
-    """What the samples of a topic are. schema: rtstack.NAME, or one of Foxglove's (rtstack.log.standard has them)."""
+    """What the samples of a topic are. schema: rtstack.NAME, or one of Foxglove's (rtstack.log.viewers.standard)."""
 
     schema: str
     text: str

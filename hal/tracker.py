@@ -1,14 +1,17 @@
 """The object tracker (motion capture): where the object is, as the tracker saw it."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field as Bounds
+from pydantic.dataclasses import dataclass as checked
 
+from hal.base.arrays import Array
+from hal.base.configuration import STRICT, NotNegative, Positive, Real
+from hal.base.record import POSITION, QUATERNION, Field, record_of
 from hal.clock_relation import ClockRelation
-from hal.record import POSITION, QUATERNION, Field, record_of
-from hal.tag_camera import TagCamera
 
 OBJECT_POSE_FIELDS = (
     Field("position", "Position of the object, {unit}.", "m", POSITION, frame="world"),
@@ -45,6 +48,30 @@ class ObjectTracker(Protocol):
     def latest(self) -> ObjectPose:
         """Return the newest pose without blocking. It belongs to the tracker and is overwritten by the next call."""
         ...
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class TagCamera:
+    """[tracker.camera] of a cell's file: a camera with calibrated intrinsics, and the tags that it looks for.
+
+    source: a device that OpenCV opens (0, /dev/video0), or unix:PATH, where a program of the camera's maker sends grey
+    pictures (hal.trackers.apriltag.PICTURE, and then the pixels). focal, centre: px, of pictures of this size;
+    distortion: k1, k2, p1, p2, k3 of OpenCV. family: of the tags; tag_size: of the outer edge of its black square, m.
+    """
+
+    source: str
+    size: tuple[Annotated[int, Bounds(gt=0)], Annotated[int, Bounds(gt=0)]]
+    focal: tuple[Positive, Positive]
+    centre: tuple[Real, Real]
+    tag_size: Positive
+    distortion: tuple[Real, Real, Real, Real, Real] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    family: Literal["16h5", "25h9", "36h10", "36h11"] = "36h11"
+    rate_hz: NotNegative = 0.0
+
+    @property
+    def matrix(self) -> Array:
+        """The camera's matrix, (3, 3), px."""
+        return np.array([[self.focal[0], 0.0, self.centre[0]], [0.0, self.focal[1], self.centre[1]], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True)

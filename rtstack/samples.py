@@ -6,7 +6,7 @@ the wrench that the controller wants to act on the end effector.
 
 from enum import IntEnum, StrEnum
 
-from hal.record import JOINTS, POSE, TWIST, WRENCH, Field, record_of
+from hal.base.record import JOINTS, POSE, TWIST, WRENCH, Field, record_of
 from hal.state import ARM_STATE_FIELDS
 from rtstack.monitor.records import Reason, Verdict
 
@@ -52,6 +52,13 @@ class Reaction(StrEnum):
     STOP = "stop"  # the judge's controlled stop
     HOLD = "hold"  # the setpoint stays where it is
     RETREAT = "retreat"  # back the way it came, unless the object may have been lifted: then it holds
+
+
+class LawInertia(StrEnum):
+    """Which mass matrix the controller's law uses."""
+
+    LINKS = "M"  # (4), (8) and (14) of the reference-spreading paper
+    LINKS_AND_MOTORS = "M+B_theta"  # (10) of the impact-map paper
 
 
 # hal's state and the torques: what the controller wanted, and what the safety judge let through

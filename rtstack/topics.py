@@ -5,10 +5,10 @@ A topic that is added here, or that an installed package offers, is in all of th
 
 from collections.abc import Iterable, Sequence
 
+from hal.base.record import POSE as POSE_AXES
+from hal.base.record import Field
 from hal.cycle import CYCLE_FIELDS, WORK_FIELDS
 from hal.extensions import ExtensionPoint
-from hal.record import POSE as POSE_AXES
-from hal.record import Field
 from hal.topic import Message, Topic
 from hal.tracker import OBJECT_POSE_FIELDS
 from rtstack.samples import ARM_FIELDS, CONTROL_FIELDS, EVENT_FIELDS, SIDES, TIMING_FIELDS

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.limits import DOF
 from hal.robots import RobotModel
 

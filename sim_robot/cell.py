@@ -1,25 +1,26 @@
-"""The simulated cell behind hal's contract: two arms and a tracker on one plant, in one process.
+"""The simulated cell behind hal's contract: one arm or two and a tracker on one plant, in one process.
 
-A read by an arm that has already seen the present state advances the plant by 1 ms, for both arms: so it does
+A read by an arm that has already seen the present state advances the plant by 1 ms, for all arms: so it does
 not matter which arm is served first, and an arm that did not write keeps its last torque. The first reads
 return the state at t = 0.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
+from hal.base.configuration import ConfigurationError
 from hal.cell import Cell
-from hal.configuration import ConfigurationError
 from hal.displacement import Displacement
 from hal.errors import CommandRejected, ConnectionLost, ObjectOutOfReach, RecoveryRefused
 from hal.robot_errors import error_names
 from hal.state import NEEDS_PERSON, ArmState, RobotMode
 from sim_robot import reflexes
-from sim_robot.clock import Clock
+from sim_robot.clock import PacedLockstep
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
 from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
@@ -27,7 +28,6 @@ from sim_robot.faults.kinds import ScriptedFault
 from sim_robot.gripper import SimulatedGripper
 from sim_robot.hand import Hand
 from sim_robot.lab_objects import with_lab_objects
-from sim_robot.model import SIDES
 from sim_robot.plant import Plant, faces
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.profile import IDEAL, load_profile
@@ -43,7 +43,7 @@ class SimulatedArm:
     """One arm of a simulated cell: a hal.arm.Arm."""
 
     def __init__(self, cell: "SimulatedCell", side: int) -> None:
-        self._cell, self._side = cell, side
+        self._cell, self._side, self._name = cell, side, f"{cell.scene.sides[side]} arm"
         self._state = ArmState.empty()
         self._seen_tick = -1
         self._closed = False
@@ -94,19 +94,23 @@ class SimulatedArm:
         self._closed = True
 
     def _refuse_closed(self) -> NoReturn:
-        raise ConnectionLost(f"the {SIDES[self._side]} arm was closed; open the cell again")
+        raise ConnectionLost(f"the {self._name} was closed; open the cell again")
 
     def _refuse(self) -> NoReturn:
         if self._box.mode == RobotMode.REFLEX:
             names = self._box.error_names
-            raise CommandRejected(f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names)
+            raise CommandRejected(f"{self._name} in reflex: {', '.join(names)}; recover it first", names)
         if self._box.mode == RobotMode.USER_STOPPED:
-            raise CommandRejected(f"{SIDES[self._side]} arm: user stop pressed; release the activation device first")
-        raise CommandRejected(f"{SIDES[self._side]} arm: {NEEDS_PERSON[self._box.mode]}")
+            raise CommandRejected(f"{self._name}: user stop pressed; release the activation device first")
+        raise CommandRejected(f"{self._name}: {NEEDS_PERSON[self._box.mode]}")
 
 
 class SimulatedCell:
-    """Two arms, a tracker, one plant; `as_cell` gives what hal knows of it."""
+    """The scene's arms, a tracker, one plant; `as_cell` gives what hal knows of it.
+
+    arms: in the order of `Scene.sides`, as all arrays of arms here; left, right: the same by name, None where the scene
+    has no such arm.
+    """
 
     def __init__(
         self,
@@ -114,7 +118,7 @@ class SimulatedCell:
         scene: Scene,
         parameters: PlantParameters,
         seed: int,
-        clock: Clock | None = None,
+        clock: PacedLockstep | None = None,
         box_kind: type[ControlBox] = ControlBox,
         faults: tuple[ScriptedFault, ...] = (),
         empty: bool = False,
@@ -122,27 +126,29 @@ class SimulatedCell:
         """empty: the plant's object is out of reach and out of sight, from the start."""
         self.plant, self.clock, self.seed, self.scene = plant, clock, seed, scene
         self.sensors = Sensors(plant, parameters.sensors, faces(scene), seed)
-        self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
-        self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
-        self._masks = np.zeros(2, dtype=np.int64)
-        self._judged = np.zeros(2, reflexes.JUDGED_RECORD)
+        self.states = self.sensors.states  # the arms' present states, dtype ARM_STATE, (n,)
+        count = len(self.states)
+        self._shown: list[tuple[RobotMode, int, float] | None] = [None] * count  # of each box
+        self._masks = np.zeros(count, dtype=np.int64)
+        self._judged = np.zeros(count, reflexes.JUDGED_RECORD)
         self._judge_states = reflexes.judge_of_states(
             self.states, self.sensors.kinematics, self._judged, plant.robots, parameters.reflexes, self._masks
         )
         first_command_ms = plant.profile.box.first_command_ms or parameters.reflexes.first_command_timeout_ms
         tolerances = replace(parameters.reflexes, first_command_timeout_ms=first_command_ms)
-        self.boxes = tuple(box_kind(plant, side, tolerances) for side in range(2))
+        self.boxes = tuple(box_kind(plant, side, tolerances) for side in range(count))
         disturbed = bool(faults) or empty
         self.faults = Injection(faults, plant, self.boxes, empty) if disturbed else None
         tracker = tracker_of(plant, parameters.tracker, seed)
         self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
         # None: no hand is mounted
         self.hands = tuple(
-            None if place.hand is None else Hand(plant, side, place.hand)
-            for side, place in enumerate((scene.left, scene.right))
+            None if place.hand is None else Hand(plant, side, place.hand) for side, place in enumerate(scene.arms)
         )
         self._mounted = tuple(hand for hand in self.hands if hand is not None)
-        self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
+        self.arms = tuple(SimulatedArm(self, side) for side in range(count))
+        by_name = dict(zip(scene.sides, self.arms, strict=True))
+        self.left, self.right = by_name.get("left"), by_name.get("right")
         # views of single fields: looking a field up costs more than writing it
         self._modes, self._errors, self._rates, self._tau_J_d = (
             self.states[name] for name in ("robot_mode", "current_errors", "control_command_success_rate", "tau_J_d")
@@ -193,12 +199,12 @@ class SimulatedCell:
             box.trip(reflexes.WRONG_DIRECTION)
 
     def recover(self, side: int) -> None:
-        """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""
-        box, causes = self.boxes[side], int(self._masks[side])
+        """Clear the reflex of an arm, by its index. Raises RecoveryRefused while its cause persists."""
+        box, causes, name = self.boxes[side], int(self._masks[side]), f"{self.scene.sides[side]} arm"
         if box.mode == RobotMode.USER_STOPPED:
-            raise RecoveryRefused(f"the user stop of the {SIDES[side]} arm is pressed; release it first")
+            raise RecoveryRefused(f"the user stop of the {name} is pressed; release it first")
         if box.mode in NEEDS_PERSON:
-            raise RecoveryRefused(f"the {SIDES[side]} arm cannot recover, {NEEDS_PERSON[box.mode]} first")
+            raise RecoveryRefused(f"the {name} cannot recover, {NEEDS_PERSON[box.mode]} first")
         if self.faults is not None:
             causes |= self.faults.causes(side)
         if box.errors & causes & BASE_READING:  # a recovery measures gravity anew
@@ -206,7 +212,7 @@ class SimulatedCell:
             causes |= BASE_START
         persisting = error_names(box.errors & causes)
         if persisting:
-            raise RecoveryRefused(f"the cause persists: {', '.join(persisting)}; move the {SIDES[side]} arm back first")
+            raise RecoveryRefused(f"the cause persists: {', '.join(persisting)}; move the {name} back first")
         box.recover()
         self._judged[side]["beyond"] = 0
 
@@ -215,21 +221,22 @@ class SimulatedCell:
         return Cell(name, self.left, self.right, self.tracker, paced=self.clock is not None)
 
     def gripper(self, side: int) -> SimulatedGripper:
-        """Return the hand of arm 0 (left) or 1 (right). Raises NoGripper."""
+        """Return the hand of an arm, by its index. Raises NoGripper."""
         return SimulatedGripper(self, side)
 
     def close(self) -> None:
-        """Stop both arms. Never raises."""
-        self.left.close()
-        self.right.close()
+        """Stop all arms. Never raises."""
+        for arm in self.arms:
+            arm.close()
 
-    def object_truth(self) -> tuple[Array, Array]:
-        """Return where the object really is, (3,) m and wxyz (4,). For tests only: no robot knows it."""
-        return self.plant.object_pose()
 
-    def apply_pad_force(self, side: int, force_world: Array) -> None:
-        """Push on a pad's face, (3,) N in the world, until the next call. For tests and faults."""
-        self.plant.apply_pad_force(side, force_world)
+def cell_scene(scene: Path | None, cell_file: Path | None, sides: Sequence[str] | None = None) -> Scene:
+    """Return the scene of a cell: of this file, by default the grabbing one, with what a lab's file adds, and of its
+    arms those in sides. Raises ConfigurationError, naming the key or the arm that is not there."""
+    layout = load_scene(scene)
+    if cell_file is not None:
+        layout = with_lab_objects(layout, cell_file)
+    return layout if sides is None else layout.only(sides)
 
 
 def simulated_cell(
@@ -240,12 +247,13 @@ def simulated_cell(
     scene: Path | None = None,
     cell_file: Path | None = None,
     parameters: PlantParameters | None = None,
-    clock: Clock | None = None,
+    clock: PacedLockstep | None = None,
     box_kind: type[ControlBox] = ControlBox,
     faults: tuple[ScriptedFault, ...] = (),
     on_the_wire: bool = False,
     arms_seed: int | None = None,
     profile: str = IDEAL,
+    sides: tuple[str, ...] | None = None,
 ) -> SimulatedCell:
     """Build the cell with this object, displaced from its place (a number: along y, m); NO_OBJECT: an empty cell.
 
@@ -253,12 +261,12 @@ def simulated_cell(
     the same ones are to meet other noise. Without a clock it is lockstep: nothing waits, and a seed gives bit-identical
     states. `on_the_wire`: an FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
     ObjectOutOfReach, ConfigurationError, FaultNeedsLink. profile: its name (sim_robot.profile).
+    sides: the arms that there are, left, right or both; by default those of the scene and the cell's file. `faults` are
+    read for the same arms.
     """
     if not on_the_wire:
         refuse_link_faults(faults)
-    layout = load_scene(scene)
-    if cell_file is not None:
-        layout = with_lab_objects(layout, cell_file)
+    layout = cell_scene(scene, cell_file, sides)
     parameters = load_plant_parameters() if parameters is None else parameters
     empty = object_name == NO_OBJECT
     if empty and Displacement.of(displacement) != Displacement():

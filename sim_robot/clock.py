@@ -1,7 +1,6 @@
 """What paces the plant when it must keep real time. In lockstep there is no clock."""
 
 import time
-from typing import Protocol
 
 PERIOD_NS = 1_000_000
 # time.sleep wakes up late by the kernel's timer slack; the rest of the wait is this short
@@ -11,16 +10,9 @@ LARGEST_DEBT_NS = 20_000_000
 LEAST_REST = 0.1
 
 
-class Clock(Protocol):
-    """Paces the cell: one `wait` for each state that is read."""
-
-    def wait(self) -> None:
-        """Block until the next state is due."""
-        ...
-
-
 class PacedLockstep:
-    """A clock that never skips a millisecond: the robot waits for its answer, and no state comes before its time.
+    """Paces the cell, one `wait` for each state that is read. It never skips a millisecond: the robot waits for its
+    answer, and no state comes before its time.
 
     A busy machine makes the simulation slow, which the loop's period shows, and never makes it wrong: a seed gives the
     same states as in a run without a clock.

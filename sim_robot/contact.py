@@ -23,11 +23,9 @@ def series(stiffness: float, other: float) -> float:
     return 1.0 / (1.0 / stiffness + 1.0 / other)
 
 
-def set_contacts(
-    model: mujoco.MjModel, scene: Scene, thing: GraspObject, known: tuple[float | None, float | None] = (None, None)
-) -> None:
+def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject, known: tuple[float | None, ...]) -> None:
     """Set solref and solimp of every geom: pads (or fingers) on the object or on the platform, the object
-    on the table, hard links. known: the stiffness of a pad on the object, N/m, where it was identified, left and right.
+    on the table, hard links. known: the stiffness of a pad on the object, N/m, where it was identified, of each arm.
 
     The damping on an object is 2 zeta sqrt(K m), m the object's mass: the ratio of the object alone on that face.
     """
@@ -39,7 +37,7 @@ def set_contacts(
     w_object = weights[model.body("object").id]
     on_table = series(thing.stiffness, scene.table.stiffness)
     _set(model, slice(None), scene, on_table, damping(on_table), w_object)
-    for side, place, identified in zip(("left", "right"), (scene.left, scene.right), known, strict=True):
+    for side, place, identified in zip(scene.sides, scene.arms, known, strict=True):
         if place.hand is not None:
             on_finger = series(thing.stiffness, place.hand.stiffness)
             for number in (1, 2):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from sim_robot import reflexes
@@ -15,7 +15,7 @@ _MOVE = RobotMode.MOVE  # looked up once: an enumeration's member costs 0.1 us
 
 
 class ControlBox:
-    """What stands between commands and the plant for one arm (side 0 left, 1 right)."""
+    """What stands between commands and the plant for one arm (side: its index)."""
 
     def __init__(self, plant: Plant, side: int, tolerances: ReflexParameters) -> None:
         self.mode = RobotMode.IDLE

@@ -6,7 +6,6 @@ from hal.errors import ConnectionLost, GripperAborted, GripperFailed, NoGripper
 from hal.gripper import GripperState
 from hal.state import RobotMode
 from sim_robot.hand import Order, Outcome
-from sim_robot.model import SIDES
 
 if TYPE_CHECKING:
     from sim_robot.cell import SimulatedCell
@@ -15,14 +14,14 @@ ROOM_TEMPERATURE = 25  # deg C, and it stays so
 
 
 class SimulatedGripper:
-    """The hand of arm 0 (left) or 1 (right). Commands are for arms that hold, whose states are not answered."""
+    """The hand of an arm, by its index. Commands are for arms that hold, whose states are not answered."""
 
     def __init__(self, cell: "SimulatedCell", side: int) -> None:
         """Raises NoGripper."""
-        hand = cell.hands[side]
+        hand, name = cell.hands[side], cell.scene.sides[side]
         if hand is None:
-            raise NoGripper(f"the {SIDES[side]} arm has no hand: load a scene with [{SIDES[side]}.hand]")
-        self._cell, self._hand, self._name = cell, hand, f"the {SIDES[side]} hand"
+            raise NoGripper(f"the {name} arm has no hand: load a scene with [{name}.hand]")
+        self._cell, self._hand, self._name = cell, hand, f"the {name} hand"
         self._closed = False
 
     def state(self) -> GripperState:

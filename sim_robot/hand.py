@@ -61,7 +61,7 @@ class _Window:
 
 
 class Hand:
-    """The hand of arm 0 (left) or 1 (right). Units m, m/s, N. `advance` is called once a ms, after the plant's."""
+    """The hand of an arm, by its index. Units m, m/s, N. `advance` is called once a ms, after the plant's."""
 
     def __init__(self, plant: Plant, side: int, parameters: FrankaHand) -> None:
         self.parameters, self._plant = parameters, plant

@@ -10,7 +10,7 @@ from math import cos, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-Vector3 = tuple[float, float, float]
+from sim_robot.plant_parameters import Vector3, check_signs
 
 TURN_RAD = -pi / 4.0  # of the hand about the flange's z
 # the fingers move along the hand's y axis, here in the flange's frame
@@ -45,12 +45,7 @@ class FrankaHand:
     start_width: float = 0.06
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not isinstance(value, tuple) and not value > 0.0:
-                raise ValueError(f"{name} must be positive, got {value}")
-        if min(self.inertia) <= 0.0:
-            raise ValueError(f"inertia must be positive, got {self.inertia}")
+        check_signs(self, [name for name in self.__slots__ if name != "centre"])
         if self.start_width > self.max_width:
             raise ValueError(f"start_width must not exceed max_width, {self.max_width}, got {self.start_width}")
 

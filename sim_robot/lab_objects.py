@@ -1,7 +1,7 @@
 """A lab's own arms and objects: what the plant takes of the cell's file, where the controller finds its own values.
 
 [left] and [right]: the arm's `model` and its own `pad`; where a file names one of them, the simulated arm has it and
-begins at the `home`.
+begins at the `home`. A file that has one of the two tables describes a cell with this arm alone, and so is the scene.
 [objects.NAME] is what a person weighed and measured: mass, size and, where they are not the scene's, the frictions. For
 an object that the scene does not have the plant takes these, and the walls below. [objects.NAME.plant] is the plant's
 alone: any key of GraspObject, in the place of what the plant would have. An object of the scene stays what the scene
@@ -12,10 +12,10 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from hal.configuration import ConfigurationError, from_document, read_toml
+from hal.base.configuration import ConfigurationError, from_document, read_toml
 from hal.robots import reference_in
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.scene import NO_OBJECT, ArmPlacement, GraspObject, Scene
+from sim_robot.scene import NO_OBJECT, SIDES, ArmPlacement, GraspObject, Scene
 
 # cardboard that is backed by its filling: those of the grabbing scene's rice_box
 WALLS = {"stiffness": 1e5, "damping_ratio": 0.6}
@@ -24,27 +24,29 @@ _UNITS = {"mass": " kg", "size": " m", "pad_friction": "", "table_friction": ""}
 
 def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
     """Return the scene with arms and objects of a cell's file. Raises ConfigurationError, naming the key."""
+    described = read_toml(cell_file)[0]
+    own = [side for side in SIDES if side in described]
+    if len(own) == 1:
+        scene = scene.only(own)
     objects = dict(scene.objects)
-    for name, described in _described(cell_file).items():
+    for name, thing in _described(cell_file).items():
         if name == NO_OBJECT:
             continue
         scenes = objects.get(name)
-        plants = described.get("plant", {})
+        plants = thing.get("plant", {})
         if not isinstance(plants, dict):
             raise ConfigurationError(f"{cell_file}: objects.{name}.plant: expected a table, got {plants!r}")
-        measured = WALLS | {key: described[key] for key in _UNITS if key in described}
+        measured = WALLS | {key: thing[key] for key in _UNITS if key in thing}
         known = measured if scenes is None else {k: v for k, v in asdict(scenes).items() if v is not None}
         objects[name] = from_document({**known, **plants}, GraspObject, f"{cell_file}: objects.{name}.plant")
-    return replace(
-        scene,
-        objects=objects,
-        left=_as_described(scene.left, cell_file, "left"),
-        right=_as_described(scene.right, cell_file, "right"),
-    )
+    arms = {
+        side: _as_described(arm, described.get(side, {}), cell_file, side)
+        for side, arm in zip(scene.sides, scene.arms, strict=True)
+    }
+    return replace(scene, objects=objects, **arms)
 
 
-def _as_described(arm: ArmPlacement, cell_file: Path, side: str) -> ArmPlacement:
-    described = read_toml(cell_file)[0].get(side, {})
+def _as_described(arm: ArmPlacement, described: Any, cell_file: Path, side: str) -> ArmPlacement:
     if not isinstance(described, dict) or not {"model", "pad"} & set(described):
         return arm
     where = f"{cell_file}: {side}"

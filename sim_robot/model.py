@@ -1,8 +1,8 @@
 """The MuJoCo model of the cell, generated in memory from the arms' description and the scene.
 
-Degrees of freedom: left joints 0-6, right joints 7-13, the object's free joint 14-19 (qpos 14-20). MuJoCo
-sees the link side of the arms only: no armature, no joint damping, no actuators, no joint limits (the
-reflexes watch those).
+Degrees of freedom: seven joints of each arm, in the order of `Scene.sides`, then the object's free joint: with two arms
+0-6, 7-13 and 14-19 (qpos 14-20). MuJoCo sees the link side of the arms only: no armature, no joint damping, no
+actuators, no joint limits (the reflexes watch those).
 """
 
 from dataclasses import dataclass
@@ -12,13 +12,12 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from sim_robot.arm_description import JOINTS, ArmDescription
 from sim_robot.contact import set_contacts
 from sim_robot.hand_parameters import FINGER_SIZE, PALM_SIZE, TURN_RAD, FrankaHand
-from sim_robot.scene import GraspObject, ObjectPlacement, Platform, Scene
+from sim_robot.scene import ArmPlacement, GraspObject, ObjectPlacement, Platform, Scene
 
-SIDES = ("left", "right")
 SUBSTEPS = 4
 TIMESTEP_S = 0.25e-3  # the vendor's torque loop runs at 4 kHz
 GRAVITY = 9.81
@@ -39,15 +38,15 @@ _MASKS = {
 
 @dataclass(frozen=True, slots=True)
 class CellModel:
-    """The compiled model and where things are in it. Body indices (2,) are (left, right).
+    """The compiled model and where things are in it. Body indices (n,) are in the order of `Scene.sides`.
 
     pad_bodies: what is on the flange, a pad or a hand; finger_bodies: two of each hand.
     """
 
     model: mujoco.MjModel
-    pad_bodies: tuple[int, int]
-    finger_bodies: tuple[tuple[int, ...], tuple[int, ...]]
-    link1_bodies: tuple[int, int]
+    pad_bodies: tuple[int, ...]
+    finger_bodies: tuple[tuple[int, ...], ...]
+    link1_bodies: tuple[int, ...]
     object_body: int
 
 
@@ -67,8 +66,9 @@ def _collides(geom: Element, what: str) -> None:
     geom.set("conaffinity", str(conaffinity))
 
 
-def _add_arm(world: Element, side: str, arm: ArmDescription, scene: Scene, friction: float) -> None:
-    place = scene.left if side == "left" else scene.right
+def _add_arm(
+    world: Element, side: str, place: ArmPlacement, arm: ArmDescription, scene: Scene, friction: float
+) -> None:
     body = SubElement(world, "body", name=f"{side}_link0", pos=_text(place.T_world_base_position))
     body.set("quat", _text(place.T_world_base_wxyz))
     for index, link in enumerate(arm.links):
@@ -133,7 +133,7 @@ def _add_hand(link7: Element, side: str, hand: FrankaHand, flange_offset_z: floa
 
 
 def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]) -> str:
-    """Return the MJCF of the cell with this object. `arms` are the drawn descriptions (left, right)."""
+    """Return the MJCF of the cell with this object. `arms`: the drawn descriptions (n,)."""
     thing, table = scene.find(object_name), scene.table
     pad_friction, table_friction = scene.frictions(object_name)
     root = Element("mujoco", model=scene.name)
@@ -146,8 +146,8 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     flags: dict[str, str] = dict.fromkeys(("autoreset", "island", *_NOT_THERE), "disable")
     SubElement(option, "flag", flags)
     world = SubElement(root, "worldbody")
-    for side, arm in zip(SIDES, arms, strict=True):
-        _add_arm(world, side, arm, scene, pad_friction)
+    for side, place, arm in zip(scene.sides, scene.arms, arms, strict=True):
+        _add_arm(world, side, place, arm, scene, pad_friction)
     geom = SubElement(world, "geom", name="table", type="box", pos=_text((*table.centre_xy, table.top_z / 2.0)))
     geom.set("size", _text((table.size_xy[0] / 2.0, table.size_xy[1] / 2.0, table.top_z / 2.0)))
     geom.set("friction", f"{table_friction!r} 0 0")
@@ -192,22 +192,18 @@ def _add_wedge(world: Element, friction: float, thing: GraspObject, placement: O
 
 def build_cell(
     scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...],
-    stiffness: tuple[float | None, float | None] = (None, None),
+    stiffness: tuple[float | None, ...],
 ) -> CellModel:  # fmt: skip
     """Compile the cell, with its contacts set. stiffness: see set_contacts. Raises UnknownObject."""
     model = mujoco.MjModel.from_xml_string(cell_xml(scene, object_name, placement, arms))
-    if model.nv != 2 * JOINTS + 6:
-        raise ValueError(f"the cell has {model.nv} degrees of freedom, expected {2 * JOINTS + 6}")
+    if model.nv != JOINTS * len(arms) + 6:
+        raise ValueError(f"the cell has {model.nv} degrees of freedom, expected {JOINTS * len(arms) + 6}")
     set_contacts(model, scene, scene.find(object_name), stiffness)
 
-    places = (scene.left, scene.right)
-    ends = [
-        model.body(f"{side}_{'pad' if place.hand is None else 'hand'}").id
-        for side, place in zip(SIDES, places, strict=True)
-    ]
-    fingers = [
-        () if place.hand is None else tuple(model.body(f"{side}_finger{number}").id for number in (1, 2))
-        for side, place in zip(SIDES, places, strict=True)
-    ]
-    link1_bodies = (model.body("left_link1").id, model.body("right_link1").id)
-    return CellModel(model, (ends[0], ends[1]), (fingers[0], fingers[1]), link1_bodies, model.body("object").id)
+    with_hands = [(side, place.hand is not None) for side, place in zip(scene.sides, scene.arms, strict=True)]
+    ends = tuple(model.body(f"{side}_{'hand' if hand else 'pad'}").id for side, hand in with_hands)
+    fingers = tuple(
+        tuple(model.body(f"{side}_finger{number}").id for number in (1, 2) if hand) for side, hand in with_hands
+    )
+    link1_bodies = tuple(model.body(f"{side}_link1").id for side in scene.sides)
+    return CellModel(model, ends, fingers, link1_bodies, model.body("object").id)

@@ -16,7 +16,6 @@ from sim_robot.arm_description import JOINTS
 
 FAR_M = 0.01  # pairs that are farther apart are left out until something has moved so far
 _BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
-_ARMS = 2
 
 # of two geoms that may meet; seen: m, from where on MuJoCo finds a contact
 PAIR = np.dtype([("one", "i8"), ("other", "i8"), ("seen", "f8")])
@@ -24,7 +23,7 @@ PAIR = np.dtype([("one", "i8"), ("other", "i8"), ("seen", "f8")])
 MASKS = np.dtype([("contype", "i4"), ("conaffinity", "i4"), ("body", "i8"), ("near", "i8")])
 
 
-def near_dtype(positions: int) -> np.dtype:
+def near_dtype(arms: int, positions: int) -> np.dtype:
     """Return the record of what is remembered.
 
     reach: how far any point of an arm is from any of its joints at most, object: any point from its middle, m; moved:
@@ -32,7 +31,7 @@ def near_dtype(positions: int) -> np.dtype:
     are left out, how much they may, m. qpos: of the last look; fixed: 1 where no geom is ever left out.
     """
     numbers = ("object", "moved", "step", "room")
-    kinds = [("reach", "f8", _ARMS), *((name, "f8") for name in numbers), ("qpos", "f8", positions), ("fixed", "i8")]
+    kinds = [("reach", "f8", (arms,)), *((name, "f8") for name in numbers), ("qpos", "f8", positions), ("fixed", "i8")]
     return np.dtype(kinds)
 
 
@@ -60,9 +59,9 @@ def masks_of(model: mujoco.MjModel) -> NDArray[np.void]:
     return masks
 
 
-def near_of(model: mujoco.MjModel, first_bodies: tuple[int, int], object_body: int, fixed: bool) -> NDArray[np.void]:
+def near_of(model: mujoco.MjModel, first_bodies: tuple[int, ...], object_body: int, fixed: bool) -> NDArray[np.void]:
     """Return the memory (1,) of near_dtype. first_bodies: the first link that moves of each arm."""
-    near = np.zeros(1, near_dtype(model.nq))
+    near = np.zeros(1, near_dtype(len(first_bodies), model.nq))
     size = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
     for arm, first in enumerate(first_bodies):
         bodies = [body for body in range(model.nbody) if _hangs_on(model, body, first)]
@@ -150,12 +149,13 @@ def _from_box(box, other, kinds, sizes, xpos, xmat):
 def note_motion(near, qvel, period_s):
     """Add what arms and object move at most in a substep that ends with these velocities."""
     moved = 0.0
-    for arm in range(_ARMS):
+    arms = len(near.reach)
+    for arm in range(arms):
         turned = 0.0
         for j in range(JOINTS):
             turned += abs(qvel[arm * JOINTS + j])
         moved += turned * near.reach[arm]
-    first = _ARMS * JOINTS
+    first = arms * JOINTS
     linear = turned = 0.0
     for i in range(3):
         linear += abs(qvel[first + i])

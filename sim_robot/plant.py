@@ -1,9 +1,12 @@
-"""The plant: two arms with flexible joints and an object between them, stepped by the millisecond."""
+"""The plant: one arm or two with flexible joints and an object before them, stepped by the millisecond."""
+
+from dataclasses import replace
+from itertools import chain
 
 import mujoco
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import bound
 from hal.displacement import Displacement
 from hal.errors import HardwareError
@@ -13,7 +16,7 @@ from sim_robot.near_geoms import look_at_all, masks_of, near_of, pairs_of
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.profile import ARM_DRAW, Profile, load_profile
 from sim_robot.scatter import DrawnArm, as_twin, draw_arm, draw_estimate_error, own_model, with_own_friction
-from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
+from sim_robot.scene import ArmPlacement, PlacementScatter, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
 EDGE_RAD = 2e-3
@@ -39,9 +42,9 @@ def pad_face(place: ArmPlacement, joint_T_face: Array) -> Array:
 
 def faces(scene: Scene) -> Array:
     """Return the frames of the arms' pads, or of their hands' fingertips along the flange's axes, in that of joint 7,
-    (2, 4, 4), m."""
-    T = np.tile(np.eye(4), (2, 1, 1))
-    for side, (place, pad) in enumerate(zip((scene.left, scene.right), scene.pads, strict=True)):
+    (n, 4, 4), m."""
+    T = np.tile(np.eye(4), (len(scene.arms), 1, 1))
+    for side, (place, pad) in enumerate(zip(scene.arms, scene.pads, strict=True)):
         if place.hand is None:
             T[side] = pad.F_T_face
         else:
@@ -51,16 +54,20 @@ def faces(scene: Scene) -> Array:
 
 
 def _pad_faces_y(scene: Scene) -> tuple[float, float]:
-    """Return where the pads begin along y, m: between them is the object's place. A hand leaves its side open."""
-    left, right = (float(pad_face(*arm)[1]) for arm in zip((scene.left, scene.right), faces(scene), strict=True))
+    """Return where the pads begin along y, m: between them is the object's place.
+
+    A hand, and an arm that is not there, leave their side open: infinity."""
+    y = [float(pad_face(*arm)[1]) for arm in zip(scene.arms, faces(scene), strict=True)]
+    left, right = (place is not None and place.hand is None for place in (scene.left, scene.right))
     # arms that were exchanged stand at each other's side
-    return np.inf if scene.left.hand else max(left, right), -np.inf if scene.right.hand else min(left, right)
+    return max(y) if left else np.inf, min(y) if right else -np.inf
 
 
 class Plant:
     """The physical cell. Owns MuJoCo's model and data; deterministic for a seed.
 
-    `joints` and `motors` are records (2,), (left, right): what each arm is made of, and its motor side.
+    Arrays of all arms have shape (n, ...), in the order of `Scene.sides`; an arm's `side` is its index there.
+    `joints` and `motors` are records (n,): what each arm is made of, and its motor side.
     Friction is the sigmoid of JointParameters as seen at the commanded torque (tau_fric of (7)-(10)), so that
     the friction at the motor itself is B / B_theta times it.
     """
@@ -70,43 +77,21 @@ class Plant:
         displacement: Displacement | float, seed: int, arms_seed: int | None = None, tilt_deg: float = 0.0,
         profile: Profile | None = None,
     ) -> None:  # fmt: skip
-        """Build the cell at rest, both arms held. arms_seed: whose arms these are, by default the seed's own.
+        """Build the cell at rest, all arms held. arms_seed: whose arms these are, by default the seed's own.
 
         tilt_deg: see Scene.place. profile: how honest it is, by default ideal. Raises UnknownObject, ObjectOutOfReach.
         """
         arms_seed = seed if arms_seed is None else arms_seed
         _, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
-        arms, _ = np.random.SeedSequence([arms_seed, 0]).spawn(2)
-        generator = np.random.default_rng(placement_seed)
-        placement = scene.place(object_name, displacement, _pad_faces_y(scene), generator, tilt_deg)
+        arms_draw, _ = np.random.SeedSequence([arms_seed, 0]).spawn(2)
+        scatter = np.random.default_rng(placement_seed)
+        placement = scene.place(object_name, displacement, _pad_faces_y(scene), scatter, tilt_deg)
         own = np.random.default_rng(np.random.SeedSequence([arms_seed, ARM_DRAW]))
-        self._start(scene, parameters, object_name, placement, np.random.default_rng(arms), profile, own)
-
-    @classmethod
-    def nominal(
-        cls, scene: Scene, parameters: PlantParameters, object_name: str, displacement: Displacement | float = 0.0
-    ) -> "Plant":
-        """Return a plant without any scatter, the object exactly in its place. For tests."""
-        placement = scene.place(object_name, displacement, _pad_faces_y(scene), None)
-        plant = cls.__new__(cls)
-        generator = np.random.default_rng(0)
-        plant._start(scene, parameters.nominal(), object_name, placement, generator, None, generator)
-        return plant
-
-    def _start(
-        self,
-        scene: Scene,
-        parameters: PlantParameters,
-        object_name: str,
-        placement: ObjectPlacement,
-        generator: np.random.Generator,
-        profile: Profile | None,
-        own: np.random.Generator,
-    ) -> None:
+        generator = np.random.default_rng(arms_draw)
         profile = self.profile = load_profile() if profile is None else profile
-        left, right = (own_model(place.robot, profile.arm, own) for place in (scene.left, scene.right))
-        self.robots = (left, right)
-        twins = (profile.left, profile.right)
+        self.sides = scene.sides  # the arms' names
+        self.robots = tuple(own_model(place.robot, profile.arm, own) for place in scene.arms)
+        twins = profile.twins(scene.sides)
         self.estimate_errors = tuple(draw_estimate_error(profile.force, own, twin) for twin in twins)
         arms = tuple(
             as_twin(
@@ -115,7 +100,7 @@ class Plant:
             )
             for model, twin in zip(self.robots, twins, strict=True)
         )
-        stiffness = (profile.left.contact_stiffness, profile.right.contact_stiffness)
+        stiffness = tuple(twin.contact_stiffness for twin in twins)
         cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms), stiffness)
         self.model, self.data = cell.model, mujoco.MjData(cell.model)
         self.ticks = 0  # ms since the start
@@ -123,19 +108,21 @@ class Plant:
         self.pad_bodies, self.finger_bodies, self._object_body = cell.pad_bodies, cell.finger_bodies, cell.object_body
         ends = [
             place.hand.tip_offset_z if place.hand else pad.size[2] / 2.0
-            for place, pad in zip((scene.left, scene.right), scene.pads, strict=True)
+            for place, pad in zip(scene.arms, scene.pads, strict=True)
         ]
         self.face_in_pad = np.array([(0.0, 0.0, z) for z in ends])
-        self._pad_force = np.zeros((2, 3))
-        self._pad_pushed = False
+        self._pushes = np.zeros((len(arms), 3)), np.zeros((len(arms), JOINTS))
+        self._pushed = False
         self._jacobian = np.zeros((3, self.model.nv))
         data = self.data
-        data.qpos[:JOINTS], data.qpos[JOINTS : 2 * JOINTS] = scene.left.home, scene.right.home
-        self._object_place = data.qpos[2 * JOINTS :].copy()
+        # the object's first coordinate in qpos, and in qvel
+        self.first_of_object = JOINTS * len(arms)
+        data.qpos[: self.first_of_object] = np.concatenate([place.home for place in scene.arms])
+        self._object_place = data.qpos[self.first_of_object :].copy()
         mujoco.mj_forward(self.model, data)
-        self.joints, self.motors = np.zeros(2, JOINT_RECORD), np.zeros(2, MOTOR_RECORD)
+        self.joints, self.motors = np.zeros(len(arms), JOINT_RECORD), np.zeros(len(arms), MOTOR_RECORD)
         self._tau_command, self._holding = self.motors["tau_command"], self.motors["holding"]
-        self._hold_inertia = np.zeros((2, JOINTS))
+        self._hold_inertia = np.zeros((len(arms), JOINTS))
         for side, arm in enumerate(arms):
             self._fill(side, arm, parameters)
             self.joints[side]["payload_error"] = self.estimate_errors[side].payload_kg
@@ -143,7 +130,8 @@ class Plant:
         collision = (model.geom_contype, model.geom_conaffinity, model.body_contype, model.body_conaffinity)
         self.look_at_all = bound(look_at_all, masks, *collision)
         # what is remembered of where the geoms are: near["fixed"] = 1 has MuJoCo look at all of them, always
-        self.near = near_of(model, cell.link1_bodies, cell.object_body, bool(scene.left.hand or scene.right.hand))
+        hand = any(place.hand is not None for place in scene.arms)
+        self.near = near_of(model, cell.link1_bodies, cell.object_body, hand)
         # compiled, or loaded from the cache, before a clock runs
         self._advance_millisecond = bound(
             advance_millisecond,
@@ -152,6 +140,14 @@ class Plant:
             np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors, pairs_of(model), masks, self.near,
             *collision, model.geom_type, model.geom_size, model.geom_rbound, data.geom_xpos, data.geom_xmat,
         )  # fmt: skip
+
+    @classmethod
+    def nominal(
+        cls, scene: Scene, parameters: PlantParameters, object_name: str, displacement: Displacement | float = 0.0
+    ) -> "Plant":
+        """Return a plant without any scatter, the object exactly in its place."""
+        exact = replace(scene, placement_scatter=PlacementScatter(0.0, 0.0))
+        return cls(exact, parameters.nominal(), object_name, displacement, seed=0)
 
     def _fill(self, side: int, arm: DrawnArm, parameters: PlantParameters) -> None:
         joint, motor, data = self.joints[side], self.motors[side], self.data
@@ -172,8 +168,8 @@ class Plant:
 
     def advance(self) -> None:
         """Advance by 1 ms. Raises SimulationDiverged."""
-        if self._pad_pushed:
-            self._push_pads()
+        if self._pushed:
+            self._apply_pushes()
         self.ticks += 1
         if not self._advance_millisecond():
             raise SimulationDiverged(
@@ -182,7 +178,7 @@ class Plant:
             )
 
     def command(self, side: int, tau: Array) -> None:
-        """Take a torque, (7,), Nm, gravity excluded, for arm 0 (left) or 1 (right) until the next one."""
+        """Take a torque, (7,), Nm, gravity excluded, for an arm until the next one."""
         self._tau_command[side] = tau
         self._holding[side] = 0
 
@@ -211,29 +207,32 @@ class Plant:
         joint["hold_stiffness"] = stiffness
         joint["hold_damping"] = 2.0 * np.sqrt(stiffness * self._hold_inertia[side])
 
-    def apply_pad_force(self, side: int, force: Array) -> None:
-        """Push on the middle of a pad's face with a force, (3,) N along the world's axes, until changed."""
-        self._pad_force[side] = force
-        self._pad_pushed = True
+    def push(self, side: int, force: Array, torque: Array | float = 0.0) -> None:
+        """Push until changed: on the middle of a pad's face, (3,) N along the world's axes, and on the joints, (7,) Nm.
 
-    def _push_pads(self) -> None:
-        for side, body in enumerate(self.pad_bodies):
-            data = self.data
+        For faults and tests.
+        """
+        self._pushes[0][side], self._pushes[1][side] = force, torque
+        self._pushed = True
+
+    def _apply_pushes(self) -> None:
+        data = self.data
+        for side, (body, force, torque) in enumerate(zip(self.pad_bodies, *self._pushes, strict=True)):
             point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self.face_in_pad[side]
             mujoco.mj_jac(self.model, data, self._jacobian, None, point, body)
             dofs = slice(JOINTS * side, JOINTS * (side + 1))
-            self.motors[side]["tau_applied"] = self._jacobian[:, dofs].T @ self._pad_force[side]
-        self._pad_pushed = bool(self._pad_force.any())
+            self.motors[side]["tau_applied"] = self._jacobian[:, dofs].T @ force + torque
+        self._pushed = any(push.any() for push in self._pushes)
 
     def put_object_back(self) -> bool:
         """Put the object where it began, at rest, unless a pad is in the way. Returns whether it is there now."""
-        data, first = self.data, 2 * JOINTS
+        data, first = self.data, self.first_of_object
         self.look_at_all()
         was = data.qpos[first:].copy(), data.qvel[first:].copy()
         data.qpos[first:], data.qvel[first:] = self._object_place, 0.0
         mujoco.mj_forward(self.model, data)
         pairs = self.model.geom_bodyid[data.contact.geom]
-        ends = (*self.pad_bodies, *self.finger_bodies[0], *self.finger_bodies[1])
+        ends = (*self.pad_bodies, *chain.from_iterable(self.finger_bodies))
         touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, ends).any(axis=1)
         if touched.any():
             data.qpos[first:], data.qvel[first:] = was
@@ -242,5 +241,5 @@ class Plant:
 
     def object_pose(self) -> tuple[Array, Array]:
         """Return the object's centre in the world (3,) m and its quaternion wxyz (4,), copied."""
-        pose = self.data.qpos[2 * JOINTS :]
+        pose = self.data.qpos[self.first_of_object :]
         return pose[:3].copy(), pose[3:].copy()

@@ -1,23 +1,26 @@
 """The plant's parameters: nominal values, seeded scatter, noise. From a file that only the plant reads."""
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields, replace
-from importlib.resources import as_file, files
 from pathlib import Path
 
-from hal.arrays import Seven
-from hal.configuration import from_document, load_toml
+from hal.base.arrays import Seven
+from hal.base.configuration import from_document, load_toml
 from hal.robots import RobotModel
 
+OWN_FILES = Path(__file__).parent  # scenes, parameters: data of the package
 Vector3 = tuple[float, float, float]
 ZEROS: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _check(record: object, positive: tuple[str, ...], not_negative: tuple[str, ...]) -> None:
-    for name in positive + not_negative:
-        value = getattr(record, name)
-        for item in value if isinstance(value, tuple) else (value,):
-            if item < 0.0 or (item == 0.0 and name in positive):
-                raise ValueError(f"{name} must {'be positive' if name in positive else 'not be negative'}: {item}")
+def check_signs(record: object, positive: Iterable[str], not_negative: Iterable[str] = ()) -> None:
+    """Raise ValueError for a field whose number, or one of whose numbers, is not as it has to be. None is left out."""
+    for names, needed in ((positive, "be positive"), (not_negative, "not be negative")):
+        for name in names:
+            value = getattr(record, name)
+            for item in value if isinstance(value, tuple) else (value,):
+                if item is not None and not (item > 0.0 or (item == 0.0 and names is not_negative)):
+                    raise ValueError(f"{name} must {needed}, got {item}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class JointParameters:
     friction_p3: Seven
 
     def __post_init__(self) -> None:
-        _check(self, ("B", "B_theta", "K"), ("D", "friction_p1", "friction_p2"))
+        check_signs(self, ("B", "B_theta", "K"), ("D", "friction_p1", "friction_p2"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ class Scatter:
     gravity_compensation: float
 
     def __post_init__(self) -> None:
-        _check(self, (), tuple(self.__slots__))
+        check_signs(self, (), tuple(self.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,7 @@ class Holding:
     stiffness: Seven
 
     def __post_init__(self) -> None:
-        _check(self, ("stiffness",), ())
+        check_signs(self, ("stiffness",))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,7 @@ class SensorParameters:
 
     def __post_init__(self) -> None:
         positive = ("dtau_J_cutoff_hz", "tau_ext_cutoff_hz", "smallest_singular_value")
-        _check(self, positive, tuple(name for name in self.__slots__ if name not in positive))
+        check_signs(self, positive, tuple(name for name in self.__slots__ if name not in positive))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +96,7 @@ class TrackerParameters:
     orientation_noise_deg: float
 
     def __post_init__(self) -> None:
-        _check(self, ("rate_hz",), ("position_noise_mm", "orientation_noise_deg"))
+        check_signs(self, ("rate_hz",), ("position_noise_mm", "orientation_noise_deg"))
         if self.rate_hz > 1000.0 or 1000.0 % self.rate_hz != 0.0:
             raise ValueError(f"rate_hz must divide 1000, got {self.rate_hz}")
 
@@ -119,7 +122,7 @@ class ReflexParameters:
     def __post_init__(self) -> None:
         timeouts, swing = ("communication_timeout_ms", "first_command_timeout_ms"), ("swing_velocity", "swing_rate_hz")
         positive = ("tau_J_overload", *timeouts, "largest_power", *swing)
-        _check(self, positive, ("velocity_tolerance",))
+        check_signs(self, positive, ("velocity_tolerance",))
         if any(low >= high for low, high in zip(self.walls_lower, self.walls_upper, strict=True)):
             raise ValueError(f"walls_lower must lie below walls_upper: {self.walls_lower}, {self.walls_upper}")
 
@@ -165,7 +168,4 @@ class PlantParameters:
 
 def load_plant_parameters(path: Path | None = None) -> PlantParameters:
     """Read the plant's parameters, the package's own by default. Raises ConfigurationError, naming the key."""
-    if path is not None:
-        return load_toml(path, PlantParameters)
-    with as_file(files("sim_robot") / "parameters" / "plant.toml") as default:
-        return load_toml(default, PlantParameters)
+    return load_toml(path or OWN_FILES / "parameters" / "plant.toml", PlantParameters)

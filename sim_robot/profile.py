@@ -1,32 +1,119 @@
-"""How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it.
+"""How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it. Its table
+`[built]` says how the cell was built otherwise than its scene and the file of the cell say.
 
 The profile `ideal` has zeros only, and changes no bit of what the simulated robot does.
 """
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.resources import as_file, files
 from math import exp, log, sqrt
 from pathlib import Path
 
 import numpy as np
 
-from hal.arrays import Seven
-from hal.configuration import ConfigurationError, load_toml
-from sim_robot.built import Built
+from hal.base.arrays import Array, Seven
+from hal.base.configuration import ConfigurationError, load_toml
+from hal.tracker import ObjectPose, ObjectTracker
+from sim_robot.plant_parameters import OWN_FILES, Vector3, check_signs
+from sim_robot.scene import ArmPlacement, Scene
 
 IDEAL = "ideal"
+_PROFILES = OWN_FILES / "parameters" / "profiles"
 LONGEST_DELAY_MS = 50
 # of the draws, beside 0 arms and placement, 1 sensors, 2 tracker, 3 friction of a campaign
 ARM_DRAW, SLOW_NOISE_DRAW, TRACKER_DRAW, BOX_DRAW, LINK_DRAW = 4, 5, 6, 7, 8
 LATE_SHARES = (0.5, 0.9, 0.99, 0.999)  # of the states that are no later than Twin.link_late_us
+_NONE: Vector3 = (0.0, 0.0, 0.0)
+_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])  # of a unit quaternion
 
 
-def _not_negative(record: object) -> None:
-    for one in fields(record):  # pyright: ignore[reportArgumentType]
-        value = getattr(record, one.name)
-        if any(item < 0.0 for item in (value if isinstance(value, tuple) else (value,))):
-            raise ValueError(f"{one.name} must not be negative: {value}")
+@dataclass(frozen=True, slots=True)
+class Built:
+    """Displacements mm along, and turns (rotation vectors) deg about the world's axes, of the bases about themselves.
+
+    swapped: what answers as the left arm is the right one. tracker_mm, tracker_deg: of the tracker's frame in the
+    world, which a robot on the wire gives its poses in; pivot_mm: of the body that it follows, in the object's frame.
+    """
+
+    left_mm: Vector3 = _NONE
+    left_deg: Vector3 = _NONE
+    right_mm: Vector3 = _NONE
+    right_deg: Vector3 = _NONE
+    tracker_mm: Vector3 = _NONE
+    tracker_deg: Vector3 = _NONE
+    pivot_mm: Vector3 = _NONE
+    swapped: bool = False
+
+    @property
+    def moved_tracker(self) -> bool:
+        """Whether the tracker's frame is not the world's, or the body not in the object's middle."""
+        return any((*self.tracker_mm, *self.tracker_deg, *self.pivot_mm))
+
+    def to_tracker(self, place: Array) -> Array:
+        """Return a place of the world (3,), m, in the tracker's frame."""
+        turn = _quaternion(self.tracker_deg)
+        return _turned(turn * _INVERSE, place - 1e-3 * np.array(self.tracker_mm))
+
+    def body(self, position: Array, wxyz: Array) -> Array:
+        """Return where the body that the tracker follows is in the world, (3,) m, for an object's pose there."""
+        return position + _turned(wxyz, 1e-3 * np.array(self.pivot_mm))
+
+    def tracker(self, tracker: ObjectTracker) -> ObjectTracker:
+        """Return what a client is given: the tracker's poses in its own frame."""
+        return MovedTracker(tracker, self) if self.moved_tracker else tracker
+
+    def scene(self, scene: Scene) -> Scene:
+        """Return the scene as it was built; the scene itself where nothing is wrong. Raises ConfigurationError where
+        one arm is swapped."""
+        if not any((*self.left_mm, *self.left_deg, *self.right_mm, *self.right_deg, self.swapped)):
+            return scene
+        left = scene.left and _moved(scene.left, self.left_mm, self.left_deg)
+        right = scene.right and _moved(scene.right, self.right_mm, self.right_deg)
+        if not self.swapped:
+            return replace(scene, left=left, right=right)
+        if left is None or right is None:
+            raise ConfigurationError("the profile's built.swapped exchanges two arms, and this cell has one")
+        return replace(scene, left=right, right=left)
+
+
+def _moved(arm: ArmPlacement, mm: Vector3, deg: Vector3) -> ArmPlacement:
+    x, y, z = (np.array(arm.T_world_base_position) + 1e-3 * np.array(mm)).tolist()
+    wxyz = _product(_quaternion(deg), np.array(arm.T_world_base_wxyz))
+    w, a, b, c = (wxyz / np.linalg.norm(wxyz)).tolist()
+    return replace(arm, T_world_base_position=(x, y, z), T_world_base_wxyz=(w, a, b, c))
+
+
+class MovedTracker:
+    """An ObjectTracker that gives another one's poses in its own frame."""
+
+    def __init__(self, tracker: ObjectTracker, built: Built) -> None:
+        self._tracker, self._given, self._built = tracker, ObjectPose.empty(), built
+        self._back = _quaternion(built.tracker_deg) * _INVERSE
+
+    def latest(self) -> ObjectPose:
+        """See ObjectTracker."""
+        pose, given = self._tracker.latest(), self._given
+        given.record[:] = pose.record
+        given.position[:] = self._built.to_tracker(self._built.body(pose.position, pose.orientation_wxyz))
+        given.orientation_wxyz[:] = _product(self._back, pose.orientation_wxyz)
+        return given
+
+
+def _quaternion(deg: Vector3) -> Array:
+    """Return the quaternion wxyz (4,) of a rotation vector, deg."""
+    half = np.radians(deg) / 2.0
+    angle = float(np.linalg.norm(half))
+    return np.array([np.cos(angle), *(half * np.sinc(angle / np.pi))])
+
+
+def _turned(wxyz: Array, v: Array) -> Array:
+    """Return v (3,) turned by a unit quaternion."""
+    return _product(_product(wxyz, np.array([0.0, *v])), wxyz * _INVERSE)[1:]
+
+
+def _product(p: Array, q: Array) -> Array:
+    return np.array([p[0] * q[0] - p[1:] @ q[1:], *(p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:]))])
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +133,7 @@ class ForceEstimate:
     noise_hz: float
 
     def __post_init__(self) -> None:
-        _not_negative(self)
+        check_signs(self, (), self.__slots__)
         if self.delay_ms > LONGEST_DELAY_MS:
             raise ValueError(f"delay_ms must be at most {LONGEST_DELAY_MS}: {self.delay_ms}")
         if any(self.noise) and not self.noise_hz:
@@ -67,7 +154,7 @@ class OwnArm:
     friction: float
 
     def __post_init__(self) -> None:
-        _not_negative(self)
+        check_signs(self, (), self.__slots__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +208,7 @@ class TrackerClock:
     lost_frames: int
 
     def __post_init__(self) -> None:
-        _not_negative(self)
+        check_signs(self, (), self.__slots__)
         Spread(*self.latency_ms)
         if self.lost_share >= 1.0 or (self.lost_share and not self.lost_frames):
             raise ValueError("lost_share must be below 1, and lost_frames positive where frames are lost")
@@ -143,7 +230,7 @@ class Box:
     first_command_ms: int
 
     def __post_init__(self) -> None:
-        _not_negative(self)
+        check_signs(self, (), self.__slots__)
         for name in ("move_ms", "stop_ms", "set_ms", "recovery_ms"):
             Spread(*getattr(self, name))
 
@@ -189,12 +276,14 @@ class Profile:
     right: Twin = Twin()
     built: Built = field(default_factory=Built)
 
+    def twins(self, sides: Sequence[str]) -> tuple[Twin, ...]:
+        """Return the twins of the arms with these names, left or right."""
+        return tuple(getattr(self, side) for side in sides)
+
 
 def profile_names() -> tuple[str, ...]:
     """Return the names of the profiles, the ideal one first."""
-    folder = files("sim_robot") / "parameters" / "profiles"
-    names = sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
-    return tuple(sorted(names, key=lambda name: name != IDEAL))
+    return tuple(sorted((file.stem for file in _PROFILES.glob("*.toml")), key=lambda name: (name != IDEAL, name)))
 
 
 @cache
@@ -206,5 +295,4 @@ def load_profile(name: str = IDEAL) -> Profile:
         raise ConfigurationError(
             f"unknown profile {name!r}; there is {', '.join(profile_names())}, or the path of a .toml"
         )
-    with as_file(files("sim_robot") / "parameters" / "profiles" / f"{name}.toml") as path:
-        return load_toml(path, Profile)
+    return load_toml(_PROFILES / f"{name}.toml", Profile)

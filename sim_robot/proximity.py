@@ -1,10 +1,10 @@
-"""Self-collision: a link of an arm that comes near the other arm or the table. Pads and hands may touch anything."""
+"""Self-collision: a link of an arm that comes near another arm or the table. Pads and hands may touch anything."""
 
 import numpy as np
 
 from hal.compilation import compiled
 from hal.robot_errors import error_bit
-from sim_robot.model import PROXIMITY_M, SIDES
+from sim_robot.model import PROXIMITY_M
 from sim_robot.plant import Plant
 
 SELF_COLLISION = error_bit("self_collision_avoidance_violation")
@@ -12,13 +12,13 @@ SELF_COLLISION = error_bit("self_collision_avoidance_violation")
 TOO_NEAR_M = 0.2 * PROXIMITY_M
 # an arm that has been away for so long comes near anew
 AWAY_MS = 200
-_NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the right arm is one more
+_NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the second arm is one more
 
 
 # one signature, compiled when imported: MuJoCo's views are contiguous or not, depending on how many contacts there are
 @compiled("void(int32[:, :], float64[:], int64[:], float64[:])")
 def _nearest(pairs, distances, kinds, nearest):
-    for arm in range(2):
+    for arm in range(len(nearest)):
         nearest[arm] = np.inf
     for i in range(len(pairs)):
         for one in range(2):
@@ -30,20 +30,21 @@ def _nearest(pairs, distances, kinds, nearest):
 
 
 class Proximity:
-    """Watches one plant. `masks` (2,): SELF_COLLISION where an arm has just come near, or is too near."""
+    """Watches one plant. `masks` (n,): SELF_COLLISION where an arm has just come near, or is too near."""
 
     def __init__(self, plant: Plant) -> None:
-        self.masks = np.zeros(2, dtype=np.int64)
+        arms = len(plant.sides)
+        self.masks = np.zeros(arms, dtype=np.int64)
         self._data = plant.data
-        self._nearest, self._away_ms = np.full(2, np.inf), [0, 0]
+        self._nearest, self._away_ms = np.full(arms, np.inf), [0] * arms
         names = [plant.model.geom(i).name for i in range(plant.model.ngeom)]
-        self._kinds = np.array([self._kind(name) for name in names])
+        self._kinds = np.array([self._kind(name, plant.sides) for name in names])
 
     @staticmethod
-    def _kind(name: str) -> int:
+    def _kind(name: str, sides: tuple[str, ...]) -> int:
         if name == "table":
             return _TABLE
-        for number, side in enumerate(SIDES):
+        for number, side in enumerate(sides):
             # the base stands on the table's frame
             if name.startswith(f"{side}_") and not name.startswith(f"{side}_link0"):
                 return (_LINK if name.startswith(f"{side}_link") else _PAD) + number

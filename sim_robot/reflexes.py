@@ -9,7 +9,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S, ArmLimits
 from hal.robot_errors import error_bit
@@ -59,7 +59,7 @@ def _take(tau_last, largest, error, tau):
 @compiled
 def _judge(states, kinematics, judged, limits_of, tolerances, masks):
     any_mask = 0
-    for arm in range(2):
+    for arm in range(states.shape[0]):
         state, mask, body, memory = states[arm], 0, kinematics[arm], judged[arm]
         limits, tolerance = limits_of[arm], tolerances[arm]
         power, speed = 0.0, 0.0
@@ -117,16 +117,16 @@ def judge_of_states(
     states: NDArray[np.void],
     kinematics: NDArray[np.void],
     judged: NDArray[np.void],
-    robots: tuple[RobotModel, RobotModel],
+    robots: tuple[RobotModel, ...],
     tolerances: ReflexParameters,
     masks: NDArray[np.int64],
 ) -> Callable[[], int]:
-    """Return who judges both states (2,), once a ms: the errors go into masks (2,); it returns either's.
+    """Return who judges the states (n,), once a ms: the errors go into masks (n,); it returns any arm's.
 
-    kinematics: the sensors' KINEMATICS_RECORDs (2,); judged: JUDGED_RECORDs (2,), what is remembered from ms to ms. The
+    kinematics: the sensors' KINEMATICS_RECORDs (n,); judged: JUDGED_RECORDs (n,), what is remembered from ms to ms. The
     velocity limit shrinks to zero towards the position limits where the robot itself enforces that (hal.limits).
     """
-    record = np.zeros(2, _TOLERANCE_RECORD)
+    record = np.zeros(len(robots), _TOLERANCE_RECORD)
     record["overload"], record["velocity"] = tolerances.tau_J_overload, tolerances.velocity_tolerance
     record["speed"] = [model.cartesian.translation[0] for model in robots]
     record["power"] = tolerances.largest_power

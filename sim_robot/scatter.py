@@ -1,12 +1,13 @@
 """One draw of the plant: the nominal parameters, scattered by the seed."""
 
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS, ArmDescription, Link
 from sim_robot.plant_parameters import PlantParameters
@@ -37,9 +38,7 @@ def _around_one(generator: np.random.Generator, fraction: float, count: int = JO
 def draw_arm(description: ArmDescription, parameters: PlantParameters, generator: np.random.Generator) -> DrawnArm:
     """Draw one arm. The order of the draws is fixed, so that a seed names a plant."""
     joints, scatter = parameters.joints, parameters.scatter
-
-    def around_one(fraction: float, count: int = JOINTS) -> Array:
-        return _around_one(generator, fraction, count)
+    around_one = partial(_around_one, generator)
 
     def drawn(link: Link) -> Link:
         # one factor for the whole tensor keeps it a possible inertia

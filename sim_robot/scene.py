@@ -1,33 +1,29 @@
 """The scene: where the arms, the table and the objects are, read from a TOML file and checked."""
 
-from dataclasses import dataclass
-from importlib.resources import as_file, files
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import cos, degrees, pi, radians, sin
 from pathlib import Path
 
 import numpy as np
 from pydantic.dataclasses import dataclass as checked
 
-from hal.arrays import Seven
-from hal.configuration import STRICT, load_toml
+from hal.base.arrays import Seven
+from hal.base.configuration import STRICT, ConfigurationError, load_toml
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
 from hal.pad import Pad
 from hal.robots import DEFAULT, RobotModel, robot
 from sim_robot.hand_parameters import FrankaHand
-from sim_robot.plant_parameters import Vector3
+from sim_robot.plant_parameters import OWN_FILES, Vector3, check_signs
 
+SIDES = ("left", "right")
 NO_OBJECT = "none"  # in an object's place: an empty cell
+_ROOM = {"pads": "between the pads", "pad": "before the pad"}
 FURTHEST_YAW_DEG = 45.0  # beyond it the pads meet other faces
 
 Vector2 = tuple[float, float]
 Quaternion = tuple[float, float, float, float]
-
-
-def _positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0.0:
-            raise ValueError(f"{name} must be positive, got {value}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +65,7 @@ class Table:
     friction: float
 
     def __post_init__(self) -> None:
-        _positive(size_x=self.size_xy[0], size_y=self.size_xy[1], top_z=self.top_z, stiffness=self.stiffness)
-        _positive(friction=self.friction)
+        check_signs(self, ("size_xy", "top_z", "stiffness", "friction"))
 
 
 @checked(frozen=True, slots=True, config=STRICT, kw_only=True)
@@ -81,8 +76,7 @@ class ScenePad(Pad):
     friction: float
 
     def __post_init__(self) -> None:
-        _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], mass=self.mass)
-        _positive(flange_to_face=self.flange_to_face, stiffness=self.stiffness, friction=self.friction)
+        check_signs(self, ("size", "mass", "flange_to_face", "stiffness", "friction"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +93,9 @@ class Platform:
     damping: float
 
     def __post_init__(self) -> None:
-        _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], stiffness=self.stiffness)
-        if self.damping < 0.0 or abs(self.inclination_deg) > 45.0:
-            raise ValueError("damping must not be negative, inclination_deg must be within -45 and 45")
+        check_signs(self, ("size", "stiffness"), ("damping",))
+        if abs(self.inclination_deg) > 45.0:
+            raise ValueError("inclination_deg must be within -45 and 45")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +106,7 @@ class ContactModel:
     friction_ratio: float
 
     def __post_init__(self) -> None:
-        _positive(friction_ratio=self.friction_ratio)
+        check_signs(self, ("friction_ratio",))
         if not 1e-4 <= self.impedance <= 0.9999:
             raise ValueError(f"impedance must be within 0.0001 and 0.9999, got {self.impedance}")
 
@@ -125,8 +119,7 @@ class PlacementScatter:
     yaw_deg: float
 
     def __post_init__(self) -> None:
-        if self.position_mm < 0.0 or self.yaw_deg < 0.0:
-            raise ValueError("position_mm and yaw_deg must not be negative")
+        check_signs(self, (), ("position_mm", "yaw_deg"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +137,7 @@ class GraspObject:
     table_friction: float | None = None
 
     def __post_init__(self) -> None:
-        _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], mass=self.mass)
-        _positive(stiffness=self.stiffness, damping_ratio=self.damping_ratio)
-        for name in ("pad_friction", "table_friction"):
-            if (friction := getattr(self, name)) is not None:
-                _positive(**{name: friction})
+        check_signs(self, ("mass", "size", "stiffness", "damping_ratio", "pad_friction", "table_friction"))
 
     def footprint(self, yaw_rad: float) -> Vector2:
         """Half of its extent along the world's x and y, m, where it is turned about z."""
@@ -170,31 +159,51 @@ class ObjectPlacement:
 class Scene:
     """The whole cell. Object 'sizes', positions and poses are in the world's frame.
 
-    platform: what the pads meet instead of an object, in scenes that have one.
+    left, right: None where the cell has no such arm; it has one at least. platform: what the pads meet instead of an
+    object, in scenes that have one.
     """
 
     name: str
     object_position_xy: Vector2
     pad_clearance: float
-    left: ArmPlacement
-    right: ArmPlacement
     table: Table
     pad: ScenePad
     contact: ContactModel
     placement_scatter: PlacementScatter
     objects: dict[str, GraspObject]
+    left: ArmPlacement | None = None
+    right: ArmPlacement | None = None
     platform: Platform | None = None
 
     def __post_init__(self) -> None:
+        if not self.sides:
+            raise ValueError("there is no arm: add [left], [right] or both")
         if not self.objects:
             raise ValueError("objects must not be empty")
         if NO_OBJECT in self.objects:
             raise ValueError(f"objects.{NO_OBJECT}: the name stands for an empty cell; choose another one")
 
     @property
-    def pads(self) -> tuple[Pad, Pad]:
-        """What is on the left and on the right flange, where no hand is."""
-        return self.left.pad or self.pad, self.right.pad or self.pad
+    def sides(self) -> tuple[str, ...]:
+        """The names of the arms that there are, left before right. Arrays of all arms are in this order."""
+        return tuple(side for side in SIDES if getattr(self, side) is not None)
+
+    @property
+    def arms(self) -> tuple[ArmPlacement, ...]:
+        """The arms that there are, in the order of `sides`."""
+        return tuple(getattr(self, side) for side in self.sides)
+
+    @property
+    def pads(self) -> tuple[Pad, ...]:
+        """What is on each arm's flange, where no hand is."""
+        return tuple(arm.pad or self.pad for arm in self.arms)
+
+    def only(self, sides: Sequence[str]) -> "Scene":
+        """Return the scene with these arms alone. Raises ConfigurationError for an arm that it has not."""
+        for side in sides:
+            if side not in self.sides:
+                raise ConfigurationError(f"the cell has no {side} arm, only {' and '.join(self.sides)}")
+        return replace(self, **{side: None for side in self.sides if side not in sides})
 
     def find(self, object_name: str) -> GraspObject:
         """Return the object of this name. Raises UnknownObject."""
@@ -220,7 +229,10 @@ class Scene:
         return max(middle - table_half + half, -face), min(middle + table_half - half, face)
 
     def displacement_range(self, object_name: str, pad_faces_y: Vector2, yaw_rad: float = 0.0) -> Vector2:
-        """Return the smallest and largest displacement along y, m, for pads that start at y (left, right)."""
+        """Return the smallest and largest displacement along y, m, for pads that start at y (left, right).
+
+        A pad that is not there is at infinity: on its side the table's edge is the limit.
+        """
         half = self.find(object_name).footprint(yaw_rad)[1]
         y0, table_half = self.object_position_xy[1], self.table.size_xy[1] / 2.0
         left, right = pad_faces_y
@@ -250,16 +262,17 @@ class Scene:
                 f"{object_name} cannot be turned by {degrees(yaw):+.0f} deg: allowed are {-FURTHEST_YAW_DEG:+.0f} to "
                 f"{FURTHEST_YAW_DEG:+.0f} deg (beyond, the pads meet other faces)"
             )
+        pads = "pads" if len(self.arms) > 1 else "pad"
         ranges = (self.x_range(object_name, yaw), self.displacement_range(object_name, pad_faces_y, yaw))
         for axis, metres, (lower, upper) in zip("xy", (displacement.x_m, displacement.y_m), ranges, strict=True):
             if lower > upper:
                 raise ObjectOutOfReach(
-                    f"{object_name} is too long along {axis} for the table, or to stand between the pads"
+                    f"{object_name} is too long along {axis} for the table, or to stand {_ROOM[pads]}"
                 )
             if not lower <= metres <= upper:
                 raise ObjectOutOfReach(
                     f"{object_name} cannot stand {1e3 * metres:+.0f} mm from its place along {axis}: "
-                    f"allowed are {1e3 * lower:+.0f} to {1e3 * upper:+.0f} mm (table edge and pads)"
+                    f"allowed are {1e3 * lower:+.0f} to {1e3 * upper:+.0f} mm (table edge and {pads})"
                 )
         width = 2.0 * thing.footprint(yaw)[1]
         x, y = self.object_position_xy
@@ -281,7 +294,4 @@ class Scene:
 
 def load_scene(path: Path | None = None) -> Scene:
     """Read a scene, the grabbing cell by default. Raises ConfigurationError, naming the key."""
-    if path is not None:
-        return load_toml(path, Scene)
-    with as_file(files("sim_robot") / "scenes" / "grab.toml") as default:
-        return load_toml(default, Scene)
+    return load_toml(path or OWN_FILES / "scenes" / "grab.toml", Scene)

@@ -8,7 +8,7 @@ from math import exp, floor, pi, sqrt
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
@@ -53,11 +53,11 @@ def _wire(value):
 
 @compiled
 def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k, t_ns):
-    """Fill the measured fields of both states. t_ns: of the robot.
+    """Fill the measured fields of all states (n,). t_ns: of the robot.
 
-    draws[k]: (2, CHANNELS, 7), slow_draws[k]: (2, 7), standard normal.
+    draws[k]: (n, CHANNELS, 7), slow_draws[k]: (n, 7), standard normal.
     """
-    for arm in range(2):
+    for arm in range(states.shape[0]):
         state, sensor, motor, draw = states[arm], sensors[arm], motors[arm], draws[k, arm]
         state.t_ns = t_ns
         noise = sensor.noise
@@ -102,23 +102,24 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k
 
 
 class Sensors:
-    """The measured part of both arms' states: `states`, dtype ARM_STATE, shape (2,), (left, right).
+    """The measured part of the arms' states: `states`, dtype ARM_STATE, shape (n,), one an arm.
 
     Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
     """
 
     def __init__(self, plant: Plant, parameters: SensorParameters, faces: Array, seed: int) -> None:
-        """faces: (2, 4, 4), the end effectors in the frames of joint 7."""
-        self.states = np.zeros(2, ARM_STATE)
+        """faces: (n, 4, 4), the end effectors in the frames of joint 7."""
+        arms = len(faces)
+        self.states = np.zeros(arms, ARM_STATE)
         self.states["O_T_EE"][:] = np.eye(4)
         self._plant = plant
         self._generator = np.random.default_rng(np.random.SeedSequence([seed, 1]))
-        self._draws = np.zeros((BLOCK, 2, CHANNELS, JOINTS))
+        self._draws = np.zeros((BLOCK, arms, CHANNELS, JOINTS))
         self._next = BLOCK
-        self.kinematics = np.zeros(2, KINEMATICS_RECORD)
+        self.kinematics = np.zeros(arms, KINEMATICS_RECORD)
         self.kinematics["T_parent_joint"] = [arm_description(model).T_parent_joint for model in plant.robots]
         self.kinematics["joint_T_face"] = faces
-        self._records = np.zeros(2, SENSOR_RECORD)
+        self._records = np.zeros(arms, SENSOR_RECORD)
         record = self._records
         for name in ("q_quantum", "smallest_singular_value", "wrench_damping"):
             record[name] = getattr(parameters, name)
@@ -136,8 +137,8 @@ class Sensors:
         self._slow: np.random.Generator | None = None
         if any(force.noise):
             self._slow = np.random.default_rng(np.random.SeedSequence([seed, SLOW_NOISE_DRAW]))
-            record["slow"] = np.array(force.noise) * self._slow.standard_normal((2, JOINTS))
-        self._slow_draws = np.zeros((BLOCK, 2, JOINTS))
+            record["slow"] = np.array(force.noise) * self._slow.standard_normal((arms, JOINTS))
+        self._slow_draws = np.zeros((BLOCK, arms, JOINTS))
         self._measure = bound(
             _sense, plant.data.qpos, plant.data.qvel, plant.motors, record, self.kinematics, self._draws,
             self._slow_draws, self.states, later=(0, 0),

@@ -18,7 +18,7 @@ from sim_robot.arm_description import JOINTS
 from sim_robot.model import GRAVITY, SUBSTEPS, TIMESTEP_S
 from sim_robot.near_geoms import look, look_at_all, note_motion
 
-_LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco.so.*"))
+_LIBRARY = next(Path(str(mujoco.__file__)).parent.glob("libmujoco.so.*"))
 llvmlite.binding.load_library_permanently(str(_LIBRARY))
 # mujoco's package has each part of a step read the clock, 80 times a millisecond, for timers that are not used here
 ctypes.c_void_p.in_dll(ctypes.CDLL(str(_LIBRARY)), "mjcb_time").value = None
@@ -50,11 +50,7 @@ MOTOR_RECORD = np.dtype(
         ("theta", "f8", JOINTS),
         ("dtheta", "f8", JOINTS),
         ("dq", "f8", JOINTS),  # of the link at the end of the last ms: what no encoder has blurred
-        (
-            "tau_J",
-            "f8",
-            JOINTS,
-        ),  # torque through the joint, K(theta - q) + D(dtheta - dq), at the end of the last ms
+        ("tau_J", "f8", JOINTS),  # torque through the joint, K(theta - q) + D(dtheta - dq), at the end of the last ms
         ("tau_command", "f8", JOINTS),  # gravity excluded
         ("tau_gravity", "f8", JOINTS),  # what the robot adds itself
         ("tau_load", "f8", JOINTS),  # what it adds for a load that it was told of
@@ -83,7 +79,8 @@ def advance_millisecond(
     B ddtheta = tau_act - tau_t + B / B_theta tau_fric, tau_act = B / B_theta tau_d + (1 - B / B_theta) tau_t,
     which is B_theta ddtheta = tau_d - tau_t + tau_fric: (4), (6) and (8) of the impact-map paper.
     """
-    for arm in range(2):
+    arms = joints.shape[0]
+    for arm in range(arms):
         motor = motors[arm]
         for j in range(JOINTS):
             body, joint = link1_bodies[arm] + j, arm * JOINTS + j
@@ -116,7 +113,7 @@ def advance_millisecond(
                 geom_rbound, geom_xpos, geom_xmat,
             )  # fmt: skip
         stale = near.fixed != 0
-        for arm in range(2):
+        for arm in range(arms):
             joint, motor = joints[arm], motors[arm]
             for j in range(JOINTS):
                 i = arm * JOINTS + j
@@ -127,7 +124,7 @@ def advance_millisecond(
                 qfrc_applied[i] = tau_t + motor.tau_applied[j]
         _mj_step(model_address, data_address)
         note_motion(near, qvel, TIMESTEP_S)
-        for arm in range(2):
+        for arm in range(arms):
             joint, motor = joints[arm], motors[arm]
             for j in range(JOINTS):
                 i = arm * JOINTS + j
@@ -152,7 +149,7 @@ def advance_millisecond(
         for i in range(qvel.shape[0]):
             if not abs(qvel[i]) < DIVERGED:
                 return False
-    for arm in range(2):
+    for arm in range(arms):
         joint, motor = joints[arm], motors[arm]
         for j in range(JOINTS):
             i = arm * JOINTS + j

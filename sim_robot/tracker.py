@@ -7,7 +7,6 @@ import numpy as np
 
 from hal.compilation import bound, compiled
 from hal.tracker import ObjectPose
-from sim_robot.arm_description import JOINTS
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import TrackerParameters
 from sim_robot.profile import TRACKER_DRAW, Spread, TrackerClock
@@ -42,7 +41,7 @@ class SimulatedTracker:
 
     def __init__(self, plant: Plant, parameters: TrackerParameters, seed: int) -> None:
         self._plant = plant
-        self._pose = plant.data.qpos[2 * JOINTS :]
+        self._pose = plant.data.qpos[plant.first_of_object :]
         self._every_ms = round(1000.0 / parameters.rate_hz)
         self._position_noise = 1e-3 * parameters.position_noise_mm
         self._half_angle_noise = float(np.deg2rad(parameters.orientation_noise_deg) / 2.0)

@@ -1,10 +1,12 @@
 """What tests of several packages share: the cell, one recorded demonstration, and a runner of trials on it."""
 
 import gc
+import os
 import runpy
 import signal
 import subprocess
 import sys
+import tomllib
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,17 +20,14 @@ from hypothesis import settings
 from packaging.markers import Marker
 
 from hal import extensions
-from hal.extras import published_for
-from rtstack.cells import default_cell_file, open_cell
+from hal.base.extras import published_for
+from rtstack.cells import default_cell_file
 from rtstack.cli.app import main
+from rtstack.experiments.registry import installed_plans
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.trials.controllers import DEFAULT
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
 
 
 class _NoClient(MetaPathFinder):
@@ -78,15 +77,11 @@ def demonstration(cell: CellDescription, tmp_path_factory: pytest.TempPathFactor
     """The plain demonstration with the rice box, seed 0."""
 
     from tests.support.made_once import made_once  # not before its asserts are rewritten, above
+    from tests.support.runs import demonstrate
 
     def record(folder: Path) -> Demonstration:
         path = folder / "ref.mcap"
-        specification = DemonstrationSpecification()
-        simulated = open_cell("direct", specification.object, 0.0, specification.seed)
-        log = open_log(path, specification, cell, "direct", default_cell_file())
-        result = run_demonstration(specification, cell, simulated, RunContext(log))
-        simulated.close()
-        return Demonstration(path, result)
+        return Demonstration(path, demonstrate(path, cell))
 
     return made_once(tmp_path_factory, "recordings", record)
 
@@ -107,18 +102,10 @@ class Runner:
         **around: Any,
     ) -> TrialResult:
         """Run one trial in the direct cell, in the context of what `around` names."""
+        from tests.support.runs import attempt
+
         specification = TrialSpecification(str(self.reference), controller, "rice_box", displacement_mm, seed)
-        prepared = prepare_trial(specification, self.cell)
-        simulated = open_cell("direct", "rice_box", displacement_mm * 1e-3, seed)
-        opened = None
-        if log is not None:
-            opened = open_log(
-                log, specification, self.cell, "direct", default_cell_file(), reference=prepared.reference
-            )
-        try:
-            return run_trial(prepared, simulated, RunContext(opened, **around))
-        finally:
-            simulated.close()
+        return attempt(specification, self.cell, log, **around)
 
 
 @pytest.fixture(scope="session")
@@ -148,6 +135,43 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
     extensions._offered.cache_clear()
     for package in installed:
         sys.modules.pop(package, None)
+
+
+@pytest.fixture
+def learned_grab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Install the package of examples/learned_grab."""
+    yield from _installed("learned_grab", tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def reality(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Install the package of examples/reality."""
+    yield from _installed("reality", tmp_path, monkeypatch)
+
+
+def _installed(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Install a package of the examples as pip would, for this process and those that it starts."""
+    source = Path(__file__).parents[1] / "examples" / name
+    project = tomllib.loads((source / "pyproject.toml").read_text())["project"]
+    place = tmp_path / f"installed_{name}"
+    metadata = place / f"{name}-{project['version']}.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
+    lines = []
+    for group, offers in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {target}" for name, target in offers.items())]
+    (metadata / "entry_points.txt").write_text("\n".join([*lines, ""]))
+    monkeypatch.syspath_prepend(str(place))
+    paths = (str(place), str(source), os.environ.get("PYTHONPATH"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
+    caches = (installed_plans, extensions._offered)
+    for cached in caches:
+        cached.cache_clear()
+    yield
+    for cached in caches:
+        cached.cache_clear()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.configuration import toml_text
+from hal.base.configuration import toml_text
 
 WORDS = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=8)
 VALUES = WORDS | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)

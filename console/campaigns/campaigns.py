@@ -14,20 +14,14 @@ from enum import StrEnum
 from pathlib import Path
 
 from console.campaigns.folder import Asked, CampaignFolder, Stage
+from console.refused import Refused
+from rtstack.trials.specification import like
 
 FOLDER = "campaigns"
 NICENESS = 10
 NICEST = 19  # beside arms that are armed
 _END_S = 6.0  # the supervisor gives the console ten
 _WATCH_S = 1.0
-
-
-class CampaignRefused(Exception):
-    """What was asked for is not possible now. The message is one line that says why."""
-
-
-class NoCampaign(CampaignRefused):
-    """There is no campaign of this id."""
 
 
 class CampaignState(StrEnum):
@@ -108,7 +102,7 @@ class Campaigns:
                 self._forget(running)
 
     def start(self, name: str, quick: bool, workers: int | None, niceness: int) -> CampaignView:
-        """Begin a campaign in a folder of its own. Raises CampaignRefused while another one runs."""
+        """Begin a campaign in a folder of its own. Raises Refused while another one runs."""
         with self._lock:
             self._free()
             folder = self._new_folder(f"{time.strftime('%Y%m%d-%H%M%S')}-{Path(name).stem}{'-quick' * quick}")
@@ -117,25 +111,25 @@ class Campaigns:
                 folder.keep(Asked(name, quick, time.time()))
                 self._begin(folder, Asked(name, quick, 0.0), workers, niceness, resume=False)
             except OSError as error:
-                raise CampaignRefused(f"it cannot be begun in {self._directory}: {error.strerror}") from None
+                raise Refused(409, f"it cannot be begun in {self._directory}: {error.strerror}") from None
             return self.view(folder.id)
 
     def resume(self, campaign_id: str, workers: int | None, niceness: int) -> CampaignView:
-        """Go on with what was interrupted. Raises CampaignRefused."""
+        """Go on with what was interrupted. Raises Refused."""
         with self._lock:
             self._free()
             folder, asked = self._folder(campaign_id)
             if self._state(folder, folder.stage()) is not CampaignState.INTERRUPTED:
-                raise CampaignRefused("there is nothing left of it to run")
+                raise Refused(409, "there is nothing left of it to run")
             self._begin(folder, asked, workers, niceness, resume=folder.begun)
             return self.view(campaign_id)
 
     def cancel(self, campaign_id: str) -> CampaignView:
-        """End the campaign as at Ctrl-C: what it has stays, and can be resumed. Raises CampaignRefused."""
+        """End the campaign as at Ctrl-C: what it has stays, and can be resumed. Raises Refused."""
         with self._lock:
             running = self._alive()
             if running is None or running.folder.id != campaign_id:
-                raise CampaignRefused("this campaign is not running")
+                raise Refused(409, "this campaign is not running")
             self._interrupt(running)
             return self.view(campaign_id)
 
@@ -146,12 +140,12 @@ class Campaigns:
             return [self._view(folder, found) for folder, found in sorted(asked, key=lambda pair: -pair[1].began_s)]
 
     def view(self, campaign_id: str) -> CampaignView:
-        """Return a campaign. Raises CampaignRefused."""
+        """Return a campaign. Raises Refused."""
         with self._lock:
             return self._view(*self._folder(campaign_id))
 
     def folder(self, campaign_id: str) -> CampaignFolder:
-        """Return a campaign's folder: looked up by its id, never joined to a path. Raises CampaignRefused."""
+        """Return a campaign's folder: looked up by its id, never joined to a path. Raises Refused."""
         return self._folder(campaign_id)[0]
 
     def _new_folder(self, stem: str) -> CampaignFolder:
@@ -167,12 +161,11 @@ class Campaigns:
         for folder in self._folders():
             if folder.id == campaign_id and (asked := folder.asked()) is not None:
                 return folder, asked
-        raise NoCampaign("there is no such campaign; look at the list again")
+        raise Refused(404, "there is no such campaign; look at the list again")
 
     def _free(self) -> None:
-        running = self._alive()
-        if running is not None:
-            raise CampaignRefused("a campaign is running: wait for its end, or cancel it first")
+        if self._alive() is not None:
+            raise Refused(409, "a campaign is running: wait for its end, or cancel it first")
 
     def _begin(self, folder: CampaignFolder, asked: Asked, workers: int | None, niceness: int, resume: bool) -> None:
         at_once = workers or max(1, len(os.sched_getaffinity(0)) - 1)
@@ -203,15 +196,13 @@ class Campaigns:
         stage = folder.stage()
         state = self._state(folder, stage)
         figures = folder.figures()
-        return CampaignView(
+        return like(
+            CampaignView,
+            asked,
+            stage,
             id=folder.id,
-            name=asked.name,
-            quick=asked.quick,
             state=state,
-            began_s=asked.began_s,
             stage=stage.label,
-            done=stage.done,
-            total=stage.total,
             time_left_s=self._time_left_s(stage) if state is CampaignState.RUNNING else None,
             message=folder.last_line() if state is CampaignState.FAILED else "",
             report=folder.report is not None,
@@ -242,9 +233,6 @@ class Campaigns:
             with self._lock:
                 running = self._alive()
                 if running is not None:
-                    self._look(running)
-
-    def _look(self, running: _Running) -> None:
-        stage, now_s = running.folder.stage(), time.monotonic()
-        if running.since is None or running.since[0] != stage.label:
-            running.since = (stage.label, now_s, stage.done)
+                    stage, now_s = running.folder.stage(), time.monotonic()
+                    if running.since is None or running.since[0] != stage.label:
+                        running.since = (stage.label, now_s, stage.done)

@@ -77,7 +77,12 @@ class CampaignFolder:
 
     def last_line(self) -> str:
         """Return the last line that the campaign has said."""
-        lines = self._tail().strip().splitlines()
+        try:
+            with self.said.open("rb") as file:
+                file.seek(max(0, file.seek(0, 2) - _TAIL_BYTES))
+                lines = file.read().decode("utf-8", "replace").strip().splitlines()
+        except OSError:
+            return ""
         return lines[-1].strip() if lines else ""
 
     def stage(self) -> Stage:
@@ -126,14 +131,6 @@ class CampaignFolder:
     @property
     def _note(self) -> Path:
         return self.path.with_name(f"{self.path.name}.json")
-
-    def _tail(self) -> str:
-        try:
-            with self.said.open("rb") as file:
-                file.seek(max(0, file.seek(0, 2) - _TAIL_BYTES))
-                return file.read().decode("utf-8", "replace")
-        except OSError:
-            return ""
 
     @contextmanager
     def _database(self) -> Iterator[sqlite3.Connection | None]:

@@ -1,50 +1,32 @@
-"""What is asked of a trial, and an entry of the queue: one trial, with what has become of it."""
+"""An entry of the queue: a trial with its state.
 
-from dataclasses import dataclass
+A sweep: every combination of shifts, turns, controllers, objects and seeds, as trials of the queue.
+
+Numbers are written as -60:10:60 (first, step, last), as 0:4 (with a step of 1), or one by one: -30, 0, 30.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, field, fields, make_dataclass
 from enum import StrEnum
-from pathlib import Path
-from typing import Annotated
+from itertools import product
+from typing import Annotated, Any
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from console.log_rows import Ending
-from rtstack.live.protocol import DisplacementMm, ObjectName, Seed, TrialRequest, YawDeg
+from console.orders import LogId, TrialOrder
+from console.refused import Refused
+from rtstack.log_folder.log_rows import Ending
 from rtstack.messages import MESSAGE, NUMBER, StrictFloat
-from rtstack.samples import Reaction
 from rtstack.trials.controllers import DEFAULT, ControllerName
+from rtstack.trials.specification import MOST_SEED, MOST_SHIFT_MM, MOST_TURN_DEG, ObjectName, like
 
 MAX_REPETITIONS = 200
+MOST_VALUES = 500
 
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class TrialOrder:
-    """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y and x,
-    mm, and about z; `reaction`: to an impact that was not meant.
-    """
-
-    reference: Annotated[str, Field(min_length=1, max_length=128)]
-    object: ObjectName
-    controller: ControllerName = DEFAULT
-    displacement_mm: DisplacementMm = 0.0
-    displacement_x_mm: DisplacementMm = 0.0
-    yaw_deg: YawDeg = 0.0
-    seed: Seed = 0
-    reaction: Reaction = Reaction.CONTINUE
-
-    def request(self, path: Path, operator: str) -> TrialRequest:
-        """Return what the robot process is asked for; path: of the reference."""
-        return TrialRequest(
-            reference=str(path),
-            controller=self.controller,
-            object=self.object,
-            displacement_mm=self.displacement_mm,
-            displacement_x_mm=self.displacement_x_mm,
-            yaw_deg=self.yaw_deg,
-            seed=self.seed,
-            reaction=self.reaction,
-            operator=operator,
-        )
+# what parses is said by `numbers`, in one line that names the field
+Numbers = Annotated[str, Field(min_length=1, max_length=400)]
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -109,3 +91,94 @@ class QueueView:
     past_failures: bool
     time_left_s: float | None
     entries: tuple[Entry, ...]
+
+
+_VARIED = ("object", "controller", "displacement_mm", "displacement_x_mm", "yaw_deg", "seed")
+# what all trials of a sweep have in common: every other field of a trial
+_Common: Any = make_dataclass(
+    "_Common",
+    [
+        (each.name, each.type, field(default=each.default))
+        for each in fields(TrialOrder)
+        if each.name not in _VARIED and each.default is not MISSING
+    ],
+    kw_only=True, frozen=True, slots=True,
+)  # fmt: skip
+
+
+@checked(frozen=True, slots=True, config=MESSAGE)
+class SweepOrder(_Common):
+    """Each controller with each object at each shift and turn, with each seed; the controllers of a place follow one
+    another. Shifts in mm along the world's y and x, turns in degrees about z: numbers such as -60:10:60 or 0, 15.
+    """
+
+    reference: LogId
+    objects: Annotated[tuple[ObjectName, ...], Field(min_length=1, max_length=32)]
+    controllers: Annotated[tuple[ControllerName, ...], Field(min_length=1, max_length=32)] = (DEFAULT,)
+    displacements_mm: Numbers = "0"
+    displacements_x_mm: Numbers = "0"
+    yaws_deg: Numbers = "0"
+    seeds: Numbers = "0"
+
+    def trials(self) -> list[TrialOrder]:
+        """Return the trials in the order in which they will run. Raises Refused."""
+        places = product(
+            numbers("displacements_mm", self.displacements_mm, MOST_SHIFT_MM),
+            numbers("displacements_x_mm", self.displacements_x_mm, MOST_SHIFT_MM),
+            numbers("yaws_deg", self.yaws_deg, MOST_TURN_DEG),
+        )
+        seeds = whole("seeds", self.seeds)
+        combinations = product(dict.fromkeys(self.objects), places, seeds, dict.fromkeys(self.controllers))
+        varied = [(thing, controller, *place, seed) for thing, place, seed, controller in combinations]
+        return [like(TrialOrder, self, **dict(zip(_VARIED, values, strict=True))) for values in varied]
+
+
+@dataclass(frozen=True, slots=True)
+class SweepSize:
+    """How many trials a sweep is, and how many more the queue has room for."""
+
+    trials: int
+    room: int
+
+
+def numbers(field: str, text: str, most: float) -> list[float]:
+    """Return the numbers of a text, each once, in its order. Raises Refused with the field's name."""
+    found: list[float] = []
+    for part in text.replace(",", " ").split():
+        found += _range(field, part)
+        if len(found) > MOST_VALUES:
+            raise Refused(422, f"{field}: {part}: more than {MOST_VALUES} values; take a larger step")
+    if not found:
+        raise Refused(422, f"{field}: give a number, a list such as -30, 0, 30, or first:step:last such as -60:10:60")
+    for value in found:
+        if abs(value) > most:
+            raise Refused(422, f"{field}: {value:g} is beyond {most:g}")
+    return list(dict.fromkeys(found))
+
+
+def whole(field: str, text: str) -> list[int]:
+    """Return the whole numbers of a text that are not negative, as `numbers` does. Raises Refused."""
+    values = numbers(field, text, MOST_SEED)
+    for value in values:
+        if value != int(value) or value < 0:
+            raise Refused(422, f"{field}: {value:g}: give whole numbers from 0 on, such as 0:4")
+    return [int(value) for value in values]
+
+
+def _range(field: str, part: str) -> Sequence[float]:
+    try:
+        values = [float(number) for number in part.split(":")]
+    except ValueError:
+        values = []
+    if not 1 <= len(values) <= 3 or not all(map(math.isfinite, values)):
+        raise Refused(422, f"{field}: {part[:40]!r} is none: give a number, or first:step:last such as -60:10:60")
+    if len(values) == 1:
+        return values
+    first, last = values[0], values[-1]
+    step = values[1] if len(values) == 3 else 1.0
+    if step == 0.0 or (last - first) / step < 0.0:
+        raise Refused(422, f"{field}: {part}: steps of {step:g} do not lead from {first:g} to {last:g}")
+    steps = math.floor((last - first) / step + 1e-9)
+    if steps >= MOST_VALUES:
+        raise Refused(422, f"{field}: {part}: more than {MOST_VALUES} values; take a larger step")
+    return [round(first + k * step, 9) for k in range(steps + 1)]

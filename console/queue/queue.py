@@ -1,43 +1,48 @@
-"""The queue: entries in order, and on whose word it runs. Decides nothing about motion: see console.queue.runner."""
+"""The queue: entries in order, and on whose word it runs. Decides nothing about motion: see console.queue.runner.
 
+Its file in the folder of logs is written whole or not at all, so that a restart finds what there was.
+"""
+
+import json
 import secrets
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import fmean
 
-from console.queue.entry import Entry, EntryState, QueueOrder, QueueView, TrialOrder
-from console.queue.file import load_entries, save_entries
+from pydantic import TypeAdapter, ValidationError
 
+from console.orders import TrialOrder
+from console.queue.entry import Entry, EntryState, QueueOrder, QueueView
+from console.refused import Refused
+from hal.base.files import write_whole
+from rtstack.trials.specification import MOST_SEED
+
+FILE_NAME = "queue.json"
 MAX_ENTRIES = 500
+INTERRUPTED = "the console ended while it ran"
 _FRESH = "it was not started since the console began"
 _NEW = "it was not started yet"
 _EMPTY = "nothing waits in it"
-
-
-class QueueRefused(Exception):
-    """What was asked for is not possible. The message is one line that says why."""
-
-
-class NoSuchEntry(QueueRefused):
-    """There is no entry with this id, or none any more."""
+_ENTRIES = TypeAdapter(tuple[Entry, ...])
 
 
 class Queue:
     """The list and its file. May be used from any thread; what is changed is kept before a method returns.
 
-    It is paused when the console begins, whatever it was before.
+    operator: on whose word it runs, None while it is paused, as when the console begins, whatever it was before.
+    past_failures: whether it goes on past grabs that do not succeed.
     """
 
     def __init__(self, file: Path) -> None:
-        """Raises QueueFileError."""
+        """Raises Refused where the file cannot be read."""
         self._file = file
         self._lock = threading.RLock()
         self._entries = list(load_entries(file))
-        self._operator: str | None = None
-        self._past_failures = False
+        self.operator: str | None = None
+        self.past_failures = False
         self._reason: str | None = _FRESH if self._entries else _EMPTY
 
     # what is in it
@@ -46,10 +51,10 @@ class Queue:
         """Return how it is now."""
         with self._lock:
             return QueueView(
-                running=self._operator is not None,
-                operator=self._operator,
+                running=self.operator is not None,
+                operator=self.operator,
                 reason=self._reason,
-                past_failures=self._past_failures,
+                past_failures=self.past_failures,
                 time_left_s=time_left_s(self._entries, time.time()),
                 entries=tuple(self._entries),
             )
@@ -60,23 +65,24 @@ class Queue:
         return MAX_ENTRIES - len(self._entries)
 
     def add(self, order: QueueOrder, followed: str) -> None:
-        """Append an order, one entry a repetition. Raises QueueRefused where there is no room."""
+        """Append an order, one entry a repetition. Raises Refused where there is no room."""
         last = order.trial.seed + order.repetitions - 1
-        if last >= 2**31:
-            raise QueueRefused(f"seed: the last repetition would have {last}, beyond {2**31 - 1}; choose a lower one")
+        if last > MOST_SEED:
+            raise Refused(409, f"seed: the last repetition would have {last}, beyond {MOST_SEED}; choose a lower one")
         self.add_all(
             [replace(order.trial, seed=order.trial.seed + number) for number in range(order.repetitions)], followed
         )
 
     def add_all(self, trials: Sequence[TrialOrder], followed: str) -> None:
-        """Append trials, an entry each. Raises QueueRefused where there is no room for all of them."""
+        """Append trials, an entry each. Raises Refused where there is no room for all of them."""
         with self._lock:
             if len(trials) > self.room:
-                raise QueueRefused(
+                raise Refused(
+                    409,
                     f"these are {len(trials)} trials, and the queue has room for {self.room} more: "
-                    "clear what is finished, or remove some"
+                    "clear what is finished, or remove some",
                 )
-            if self._operator is None and self.next() is None:
+            if self.operator is None and self.next() is None:
                 self._reason = _NEW
             self._keep(
                 [
@@ -91,7 +97,7 @@ class Queue:
     def move(self, entry_id: str, to: int) -> None:
         """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last.
 
-        Raises NoSuchEntry, as all do that are asked for an entry, and QueueRefused for one that does not wait.
+        Raises Refused for an entry that is not there, as all do, and for one that does not wait.
         """
         with self._lock:
             entry = self._waiting(entry_id)
@@ -101,15 +107,15 @@ class Queue:
             self._keep(others)
 
     def cancel(self, entry_id: str) -> None:
-        """Cancel a waiting entry; it stays in the list. Raises QueueRefused for any other."""
+        """Cancel a waiting entry; it stays in the list. Raises Refused for any other."""
         with self._lock:
             self._keep(self._changed(self._waiting(entry_id).id, state=EntryState.CANCELLED))
 
     def remove(self, entry_id: str) -> None:
-        """Take an entry off the list. Raises QueueRefused for the one that runs."""
+        """Take an entry off the list. Raises Refused for the one that runs."""
         with self._lock:
             if self.entry(entry_id).state is EntryState.RUNNING:
-                raise QueueRefused("it is running: cancel it first")
+                raise Refused(409, "it is running: cancel it first")
             self._keep([entry for entry in self._entries if entry.id != entry_id])
 
     def clear(self, finished_only: bool) -> None:
@@ -120,39 +126,29 @@ class Queue:
             )
 
     def entry(self, entry_id: str) -> Entry:
-        """Return an entry. Raises NoSuchEntry."""
+        """Return an entry. Raises Refused."""
         with self._lock:
             for entry in self._entries:
                 if entry.id == entry_id:
                     return entry
-            raise NoSuchEntry("there is no such entry in the queue; look at the list again")
+            raise Refused(404, "there is no such entry in the queue; look at the list again")
 
     # whether it runs
 
-    @property
-    def operator(self) -> str | None:
-        """On whose word it runs, None while it is paused."""
-        return self._operator
-
-    @property
-    def past_failures(self) -> bool:
-        """Whether it goes on past grabs that do not succeed."""
-        return self._past_failures
-
     def start(self, operator: str, past_failures: bool) -> None:
-        """Let it run on this operator's word. Raises QueueRefused where nothing waits, or it runs on another's."""
+        """Let it run on this operator's word. Raises Refused where nothing waits, or it runs on another's."""
         with self._lock:
-            if self._operator not in (None, operator):
-                raise QueueRefused(f"it runs on the word of {self._operator}; pause it first")
+            if self.operator not in (None, operator):
+                raise Refused(409, f"it runs on the word of {self.operator}; pause it first")
             if self.next() is None:
-                raise QueueRefused("nothing waits in the queue; add a trial first")
-            self._operator, self._past_failures, self._reason = operator, past_failures, None
+                raise Refused(409, "nothing waits in the queue; add a trial first")
+            self.operator, self.past_failures, self._reason = operator, past_failures, None
 
     def pause(self, reason: str) -> None:
         """Start nothing more; what runs goes on to its end. The first reason stays."""
         with self._lock:
-            if self._operator is not None:
-                self._operator, self._reason = None, reason
+            if self.operator is not None:
+                self.operator, self._reason = None, reason
 
     # for the runner
 
@@ -170,13 +166,13 @@ class Queue:
         """Mark an entry as running before it is ordered; False where it was changed or paused meanwhile."""
         with self._lock:
             entry = self.next()
-            if self._operator != operator or entry is None or entry.id != entry_id:
+            if self.operator != operator or entry is None or entry.id != entry_id:
                 return False
             self._keep(self._changed(entry_id, state=EntryState.RUNNING, began_s=time.time()))
             return True
 
     def note(self, entry_id: str, **changes: object) -> None:
-        """Note what has become of an entry: known from now on, also where QueueFileError says that it is not kept."""
+        """Note what has become of an entry: known from now on, also where Refused says that it is not kept."""
         with self._lock:
             self._entries = self._changed(entry_id, **changes)
             save_entries(self._file, self._entries)
@@ -187,12 +183,35 @@ class Queue:
     def _waiting(self, entry_id: str) -> Entry:
         entry = self.entry(entry_id)
         if entry.state is not EntryState.WAITING:
-            raise QueueRefused(f"it is {entry.state}: only what waits can be moved or cancelled")
+            raise Refused(409, f"it is {entry.state}: only what waits can be moved or cancelled")
         return entry
 
     def _keep(self, entries: list[Entry]) -> None:
         save_entries(self._file, entries)
         self._entries = entries
+
+
+def load_entries(path: Path) -> tuple[Entry, ...]:
+    """Return the entries, none where there is no file; what ran is stopped. Raises Refused."""
+    try:
+        entries = _ENTRIES.validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return ()
+    except (OSError, ValidationError) as error:
+        line = str(error).splitlines()[0]
+        raise Refused(500, f"{path}: {line}; remove the file to begin with an empty queue") from None
+    return tuple(
+        replace(entry, state=EntryState.STOPPED, reason=INTERRUPTED) if entry.state is EntryState.RUNNING else entry
+        for entry in entries
+    )
+
+
+def save_entries(path: Path, entries: Sequence[Entry]) -> None:
+    """Keep the entries. Raises Refused."""
+    try:
+        write_whole(path, json.dumps([asdict(entry) for entry in entries], indent=1), durable=True)
+    except OSError as error:
+        raise Refused(500, f"{path}: cannot be written: {error.strerror}") from None
 
 
 def time_left_s(entries: Sequence[Entry], now_s: float) -> float | None:

@@ -10,14 +10,15 @@ import threading
 import time
 from collections.abc import Callable
 
-from console.log_rows import NoReference, log_row, reference_of
 from console.queue.entry import Entry, EntryState
-from console.queue.file import QueueFileError
 from console.queue.queue import Queue
+from console.refused import Refused
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
-from rtstack.live.protocol import Job, JobState, Phase, Status
-from rtstack.log.catalogue import Catalogue, LogEntry
+from rtstack.live.protocol import Job, JobState, Phase, RunRequest, Status
 from rtstack.log.errors import LogError
+from rtstack.log_folder.catalogue import Catalogue, LogEntry
+from rtstack.log_folder.log_rows import NoReference, log_row, reference_of
+from rtstack.trials.specification import TrialSpecification, like
 
 PERIOD_S = 0.1
 UNSEEN = "its end was not seen: another job followed at once"
@@ -56,11 +57,11 @@ class QueueRunner:
         while not self._ending.wait(PERIOD_S):
             try:
                 self.step()
-            except QueueFileError as error:
+            except Refused as error:
                 self._queue.pause(str(error))
 
     def step(self) -> None:
-        """Look once: follow the trial that runs, or order the next one. Raises QueueFileError."""
+        """Look once: follow the trial that runs, or order the next one. Raises Refused."""
         queue, running = self._queue, self._queue.running()
         if queue.operator is None and running is None:
             return
@@ -94,11 +95,11 @@ class QueueRunner:
         except (NoReference, LogError) as error:
             queue.pause(f"{entry.followed}: {error}")
             return
-        request = entry.trial.request(reference.path, operator)
+        asked = like(TrialSpecification, entry.trial, reference=str(reference.path))
         if not queue.claim(entry.id, operator):
             return
         try:
-            status = self._client.start(request)
+            status = self._client.start(RunRequest(asked, operator))
         except RobotRefused as error:
             queue.pause(str(error))
             queue.note(entry.id, state=EntryState.WAITING, began_s=None)

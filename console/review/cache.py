@@ -8,7 +8,6 @@ import contextlib
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import threading
 from dataclasses import dataclass
@@ -16,8 +15,9 @@ from pathlib import Path
 
 import psutil
 
+from console.child_process import end, start
 from console.review.columns import Index, read_index
-from rtstack.log.catalogue import LogEntry
+from rtstack.log_folder.catalogue import LogEntry
 
 FOLDER = ".review"
 _READER = "reader"  # a file in each folder: who fills it
@@ -78,7 +78,7 @@ class ReviewCache:
                 self._done[entry.id] = entry, Opened(folder, index)
                 while len(self._done) > _REMEMBERED:
                     del self._done[next(iter(self._done))]
-            elif not begun and self._busy() < _AT_ONCE:
+            elif not begun and sum(process.poll() is None for process in self._readers.values()) < _AT_ONCE:
                 self._begin(entry.path, folder)
                 index = None
             return Opened(folder, index)
@@ -98,12 +98,7 @@ class ReviewCache:
         self._make_room()
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "console.review.conversion", str(log), str(folder)],
-            stdin=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )
+        process = start("console.review.conversion", str(log), str(folder))
         (folder / _READER).write_text(str(process.pid))
         self._readers[folder] = process
 
@@ -113,11 +108,7 @@ class ReviewCache:
             for process in self._readers.values():
                 process.terminate()
             for process in self._readers.values():
-                try:
-                    process.wait(_END_S)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    process.wait()
+                end(process, _END_S)
             for folder in self._readers:
                 index = read_index(folder)
                 if index is None or not index.done:
@@ -125,9 +116,6 @@ class ReviewCache:
             self._readers.clear()
             if self._borrowed is not None:
                 self._borrowed.cleanup()
-
-    def _busy(self) -> int:
-        return sum(process.poll() is None for process in self._readers.values())
 
     def _finish(self) -> None:
         """Forget readers that have ended; one that ended early leaves a reason."""

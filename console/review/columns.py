@@ -16,8 +16,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.files import write_whole
-from rtstack.log.signals import column_block, topic_signals
+from console.refused import Refused
+from hal.base.files import write_whole
+from rtstack.log.analysis.signals import column_block, topic_signals
+from rtstack.samples import SIDES
+from rtstack.topics import ARM_TOPICS
 
 BUCKET = 64
 INDEX = "index.json"
@@ -38,7 +41,8 @@ class Mark:
 class Index:
     """What is known of a log so far. rows: samples of each topic that can be read; share: of the file, 0 to 1.
 
-    modes: (from, to, mode) of each side, s since the start; error: why reading ended early.
+    modes: (from, to, mode) of each arm by its side, s since the start; error: why reading ended early. Nothing is in it
+    of an arm that the log does not have.
     """
 
     start_ns: int
@@ -50,6 +54,11 @@ class Index:
     events: list[Mark] = field(default_factory=list)
     modes: dict[str, list[tuple[float, float, str]]] = field(default_factory=dict)
     version: int = VERSION
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The sides of the arms that the log has."""
+        return tuple(side for side, arm in zip(SIDES, ARM_TOPICS, strict=True) if arm in self.rows)
 
     def write(self, folder: Path) -> None:
         """Replace the folder's index in one step: a reader sees the old one or the new one."""
@@ -71,10 +80,6 @@ def read_index(folder: Path) -> Index | None:
 
 def _file(folder: Path, topic: str, what: str) -> Path:
     return folder / f"{topic.strip('/').replace('/', '.')}.{what}.npy"
-
-
-class ColumnsGone(Exception):
-    """The folder was removed meanwhile, to make room. The message is one line."""
 
 
 class ColumnWriter:
@@ -157,7 +162,7 @@ class Columns:
     """The columns of one topic, read-only, mapped into memory: only what is looked at is read.
 
     rows: how many samples there are already. t_ns (rows,); value, low and high of a signal by its column. Raises
-    ColumnsGone.
+    Refused.
     """
 
     def __init__(self, folder: Path, topic: str, rows: int) -> None:
@@ -165,7 +170,7 @@ class Columns:
         try:
             files = [_mapped(_file(folder, topic, name)) for name in ("t_ns", "values", "low", "high")]
         except FileNotFoundError as error:
-            raise ColumnsGone("what was read of this log had to make room: ask again") from error
+            raise Refused(409, "what was read of this log had to make room: ask again") from error
         self.t_ns: NDArray[np.int64] = files[0][:rows]
         self._values, self._low, self._high = files[1:]
 

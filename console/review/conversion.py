@@ -8,19 +8,19 @@ The index in the folder grows with every batch, so that a page shows the beginni
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from console.niceness import stand_back
+from console.child_process import stand_back
 from console.review.columns import ColumnWriter, Index, Mark
-from rtstack.log.derived import DERIVED_TOPICS, DerivedBatches
+from rtstack.log.analysis.derived import DERIVED_TOPICS, DerivedBatches
+from rtstack.log.analysis.signals import CURVES
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
-from rtstack.log.signals import CURVES
 from rtstack.samples import SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
@@ -71,22 +71,21 @@ def _nothing() -> None:
     pass
 
 
-def _give_way() -> None:
-    stand_back()
-
-
 def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Index:
     """Write the columns of a log into an existing folder, and its index after each batch. Raises LogError, OSError.
 
     begun: called once, when the first part can be seen.
     """
-    index = Index(log.start_ns, log.duration_s, dict.fromkeys(CURVES, 0))
+    sides = [side for side, arm in zip(SIDES, ARM_TOPICS, strict=True) if log.count(arm)] or list(SIDES)
+    no_arm = tuple(f"/{side}/" for side in SIDES if side not in sides)
+    topics = [topic for topic in CURVES if not topic.startswith(no_arm)]
+    index = Index(log.start_ns, log.duration_s, dict.fromkeys(topics, 0))
     index.write(folder)
     counts = {topic: log.count(topic) for topic in PLOTTED_TOPICS}
     counts |= {topic: log.count(arm) for topic, arm in zip(DERIVED_TOPICS, ARM_TOPICS, strict=True)}
     writers = {topic: ColumnWriter(folder, topic, count) for topic, count in counts.items() if count}
     deriving = DerivedBatches(log)
-    modes = {side: _Modes(log.start_ns) for side in SIDES}
+    modes = {side: _Modes(log.start_ns) for side in sides}
     events = list(index.events)
     try:
         parent = os.getppid()
@@ -101,14 +100,14 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
             for topic, records in deriving.add(batch.records):
                 if topic in writers:
                     writers[topic].append(records)
-            for side, topic in zip(SIDES, CONTROL_TOPICS, strict=True):
-                modes[side].add(batch.records.get(topic, np.zeros(0)))
+            for side in sides:
+                modes[side].add(batch.records.get(CONTROL_TOPICS[SIDES.index(side)], np.zeros(0)))
             index = replace(
                 index,
-                rows=_rows(writers),
+                rows=_rows(topics, writers),
                 share=batch.share,
                 events=sorted(events, key=lambda mark: mark.t_s),
-                modes={side: modes[side].spans for side in SIDES},
+                modes={side: modes[side].spans for side in sides},
             )
             index.write(folder)
             begun()
@@ -119,13 +118,13 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
     finally:
         for writer in writers.values():
             writer.close()
-    index = replace(index, rows=_rows(writers), share=1.0, done=True)
+    index = replace(index, rows=_rows(topics, writers), share=1.0, done=True)
     index.write(folder)
     return index
 
 
-def _rows(writers: dict[str, ColumnWriter]) -> dict[str, int]:
-    return {topic: writers[topic].rows if topic in writers else 0 for topic in CURVES}
+def _rows(topics: Sequence[str], writers: dict[str, ColumnWriter]) -> dict[str, int]:
+    return {topic: writers[topic].rows if topic in writers else 0 for topic in topics}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -135,7 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     asked = parser.parse_args(arguments)
     try:
-        convert(read_log(asked.log, truncated=True), asked.folder, _give_way)  # a page waits for the first part
+        convert(read_log(asked.log, truncated=True), asked.folder, stand_back)  # a page waits for the first part
     except (LogError, OSError) as error:
         Index(0, 0.0, {}, done=True, error=str(error)).write(asked.folder)
         print(error, file=sys.stderr)

@@ -7,13 +7,14 @@ from io import BytesIO
 
 import numpy as np
 
+from console.refused import Refused
 from console.review.columns import Index
-from console.review.logs import NotReviewable, ReadLog
+from console.review.logs import ReadLog
 from console.review.series import Curves, Window, curves, difference_curves
 from rtstack.figures.log_data import arm_of
 from rtstack.figures.log_figure import MOST_LOGS, FigureLog, Span, Trace, draw
 from rtstack.figures.style import save
-from rtstack.log.signals import Signal, signals
+from rtstack.log.analysis.signals import Signal, signals
 from rtstack.samples import Mode
 
 MEDIA_TYPES = {"pdf": "application/pdf", "svg": "image/svg+xml", "png": "image/png"}
@@ -22,7 +23,7 @@ _DRAWING = threading.Lock()  # Matplotlib's settings are the process', not a thr
 
 
 def overlays_of(text: str) -> list[tuple[str, float]]:
-    """Return ids and offsets, s, of `ID:OFFSET,...`. Raises NotReviewable."""
+    """Return ids and offsets, s, of `ID:OFFSET,...`. Raises Refused."""
     found = []
     for word in filter(None, text.split(",")):
         log_id, _, offset = word.partition(":")
@@ -31,10 +32,10 @@ def overlays_of(text: str) -> list[tuple[str, float]]:
         except ValueError:
             offset_s = math.nan
         if not math.isfinite(offset_s):
-            raise NotReviewable(422, f"others: {word[:80]} is not ID:OFFSET, with the offset in s")
+            raise Refused(422, f"others: {word[:80]} is not ID:OFFSET, with the offset in s")
         found.append((log_id, offset_s))
     if len(found) >= MOST_LOGS:
-        raise NotReviewable(422, f"others: {len(found)} are too many, at most {MOST_LOGS - 1}")
+        raise Refused(422, f"others: {len(found)} are too many, at most {MOST_LOGS - 1}")
     return found
 
 
@@ -42,7 +43,7 @@ def drawn_logs(
     own: ReadLog, overlays: Sequence[tuple[ReadLog, float]], wanted: Sequence[Signal], start_s: float, end_s: float,
     difference: bool,
 ) -> list[FigureLog]:  # fmt: skip
-    """Return what a figure of a log and of others over it shows, or of the others' difference to it. ColumnsGone."""
+    """Return what a figure of a log and of others over it shows, or of the others' difference to it."""
     window = Window(start_s, end_s, _POINTS)
     spans, impacts = _spans(own.index), _impacts(own.index)
     name = own.entry.path.stem
@@ -82,7 +83,7 @@ def _traces(found: Sequence[Curves]) -> tuple[Trace, ...]:
 
 
 def _spans(index: Index) -> tuple[Span, ...]:
-    told = index.modes.get("left", [])
+    told = next(iter(index.modes.values()), [])  # of the first arm
     return tuple(Span(start_s, end_s, Mode[mode]) for start_s, end_s, mode in told if mode in Mode.__members__)
 
 

@@ -4,23 +4,22 @@ import json
 import threading
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
-from hal.files import write_whole
+from console.refused import Refused
+from hal.base.configuration import STRICT
+from hal.base.files import write_whole
 from rtstack.messages import StrictBool, StrictFloat
 
 FILE_NAME = "layouts.json"  # in the folder of logs
 MOST = 64
-LayoutName = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[^\p{C}/\\\s]([^\p{C}/\\]*[^\p{C}/\\\s])?$")]
+LAYOUT_NAME: dict[str, Any] = {
+    "min_length": 1, "max_length": 60, "pattern": r"^[^\p{C}/\\\s]([^\p{C}/\\]*[^\p{C}/\\\s])?$",
+}  # fmt: skip
 Seconds = Annotated[StrictFloat, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
-
-
-class LayoutsError(Exception):
-    """The layouts cannot be read or written. The message is one line."""
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -35,7 +34,7 @@ class Layout:
     difference: StrictBool = False
 
 
-_LAYOUTS = TypeAdapter(dict[LayoutName, Layout])
+_LAYOUTS = TypeAdapter(dict[Annotated[str, Field(**LAYOUT_NAME)], Layout])
 
 
 class Layouts:
@@ -46,33 +45,32 @@ class Layouts:
         self._lock = threading.Lock()
 
     def all(self) -> dict[str, Layout]:
-        """Return the layouts by name. Raises LayoutsError."""
+        """Return the layouts by name. Raises Refused."""
         try:
             return _LAYOUTS.validate_json(self._path.read_bytes())
         except FileNotFoundError:
             return {}
         except (OSError, ValidationError) as error:
-            raise LayoutsError(f"{self._path}: {str(error).splitlines()[0]}; remove the file to begin anew") from None
+            raise Refused(409, f"{self._path}: {str(error).splitlines()[0]}; remove the file to begin anew") from None
 
     def put(self, name: str, layout: Layout) -> None:
-        """Keep a layout, in the place of one of this name. Raises LayoutsError."""
+        """Keep a layout, in the place of one of this name. Raises Refused."""
         with self._lock:
             layouts = self.all()
             if name not in layouts and len(layouts) >= MOST:
-                raise LayoutsError(f"there are {MOST} layouts; remove one first")
+                raise Refused(409, f"there are {MOST} layouts; remove one first")
             self._write({**layouts, name: layout})
 
-    def remove(self, name: str) -> bool:
-        """Forget a layout; return whether there was one. Raises LayoutsError."""
+    def remove(self, name: str) -> None:
+        """Forget a layout. Raises Refused."""
         with self._lock:
             layouts = self.all()
-            known = layouts.pop(name, None) is not None
-            if known:
-                self._write(layouts)
-        return known
+            if layouts.pop(name, None) is None:
+                raise Refused(404, "there is no layout of this name")
+            self._write(layouts)
 
     def _write(self, layouts: dict[str, Layout]) -> None:
         try:
             write_whole(self._path, json.dumps({name: asdict(one) for name, one in sorted(layouts.items())}, indent=1))
         except OSError as error:
-            raise LayoutsError(f"{self._path}: cannot be written: {error.strerror}") from None
+            raise Refused(409, f"{self._path}: cannot be written: {error.strerror}") from None

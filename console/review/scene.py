@@ -4,7 +4,6 @@ One server a detail draws the cell's stage for everybody; arms and object are dr
 itself by a key in its address (`view`), which our proxy hands on with the secret header.
 """
 
-import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
@@ -12,9 +11,9 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from console.scene import CellFigures, Ghost, add_stage
-from console.scene_server import VIEW, SceneServer
-from console.scenes import Detail
+from console.scene.scene import CellFigures, Ghost, add_stage
+from console.scene.scenes import Detail, SceneServers
+from console.scene.server import VIEW, SceneServer
 from rtstack.model.cell_description import CellDescription
 
 _CAMERA = (-2.5, 0.0, 1.75)  # further away than in the live scene: the frame is narrower
@@ -24,11 +23,15 @@ _REMEMBERED = 64  # pages whose last pose is kept for when their scene connects,
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where everything is: q (2, 7) rad, the object's name, its pose (7,) m and wxyz; None: not known."""
+    """Where everything is: q (arms, 7) rad, the object's name, its pose (7,) m and wxyz; None: not known.
+
+    sides: of the arms, None for those of the cell.
+    """
 
     q: NDArray[np.float64] | None
     object: str
     object_pose: NDArray[np.float64] | None
+    sides: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,7 @@ class _Figures:
 
 def _place(figures: CellFigures, pose: Pose) -> None:
     if pose.q is not None:
-        figures.show_arms(pose.q)
+        figures.show_arms(pose.q, pose.sides)
     figures.show_object(pose.object, pose.object_pose)
 
 
@@ -97,22 +100,16 @@ class _ReviewServer:
             figures.show(poses)
         return len(mine)
 
+    def close(self) -> None:
+        self.server.close()
 
-class ReviewScenes:
-    """The scenes by their detail, made when they are first looked at. May be used from any thread."""
+
+class ReviewScenes(SceneServers):
+    """The scenes of the review."""
 
     def __init__(self, cell: CellDescription) -> None:
-        self._cell = cell
-        self._lock = threading.Lock()
-        self._servers: dict[Detail, _ReviewServer] = {}
         self._poses: OrderedDict[str, Poses] = OrderedDict()
-
-    def server(self, detail: Detail) -> SceneServer:
-        """Return the server of a scene; the first call makes it."""
-        with self._lock:
-            if detail not in self._servers:
-                self._servers[detail] = _ReviewServer(self._cell, detail, self._poses)
-            return self._servers[detail].server
+        super().__init__(lambda detail: _ReviewServer(cell, detail, self._poses))
 
     def show(self, view: str, poses: Poses) -> int:
         """Show poses to the page of this key, now and when its scene connects; return how many show them now."""
@@ -121,12 +118,5 @@ class ReviewScenes:
             self._poses.move_to_end(view)
             while len(self._poses) > _REMEMBERED:
                 self._poses.popitem(last=False)
-            servers = list(self._servers.values())
+            servers = list(self._made.values())
         return sum(server.show(view, poses) for server in servers)
-
-    def close(self) -> None:
-        """End all scenes."""
-        with self._lock:
-            for server in self._servers.values():
-                server.server.close()
-            self._servers.clear()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.review.columns import BUCKET, Columns, Index
-from rtstack.log.signals import Signal
+from rtstack.log.analysis.signals import Signal
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 
 _NS = 1e-9
@@ -44,19 +44,26 @@ class Curves:
 
 def curves(folder: Path, index: Index, signals: Sequence[Signal], window: Window) -> list[Curves]:
     """Return the signals in a window, a sample beyond it on either side, grouped by topic."""
-    found = []
-    for topic in dict.fromkeys(signal.topic for signal in signals):
-        wanted = [signal for signal in signals if signal.topic == topic]
-        found.append(_topic_curves(folder, index, topic, wanted, window))
+    return [_topic_curves(folder, index, topic, wanted, window) for topic, wanted in _by_topic(signals).items()]
+
+
+def _by_topic(signals: Sequence[Signal]) -> dict[str, list[Signal]]:
+    found: dict[str, list[Signal]] = {}
+    for signal in signals:
+        found.setdefault(signal.topic, []).append(signal)
     return found
+
+
+def _no_curves(topic: str, names: tuple[str, ...]) -> Curves:
+    nothing = np.zeros((len(names), 0), np.float32)
+    return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
 
 
 def _topic_curves(folder: Path, index: Index, topic: str, signals: list[Signal], window: Window) -> Curves:
     names = tuple(signal.name for signal in signals)
     rows = index.rows.get(topic, 0)
     if not rows:
-        nothing = np.zeros((len(names), 0), np.float32)
-        return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
+        return _no_curves(topic, names)
     columns = Columns(folder, topic, rows)
     first, last = _rows(columns.t_ns, index.start_ns, window)
     bucket = 1 << max(0, (last - first) // max(1, window.width)).bit_length()
@@ -78,11 +85,8 @@ def difference_curves(
 
     Between two samples of the other log its signals are on a straight line; outside of it there is no difference.
     """
-    found = []
-    for topic in dict.fromkeys(signal.topic for signal in signals):
-        wanted = [signal for signal in signals if signal.topic == topic]
-        found.append(_topic_difference(own, other, topic, wanted, window, offset_s))
-    return found
+    topics = _by_topic(signals).items()
+    return [_topic_difference(own, other, topic, wanted, window, offset_s) for topic, wanted in topics]
 
 
 def _topic_difference(
@@ -93,8 +97,7 @@ def _topic_difference(
     (folder, index), (other_folder, other_index) = own, other
     rows, other_rows = index.rows.get(topic, 0), other_index.rows.get(topic, 0)
     if not (rows and other_rows):
-        nothing = np.zeros((len(names), 0), np.float32)
-        return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
+        return _no_curves(topic, names)
     columns, others = Columns(folder, topic, rows), Columns(other_folder, topic, other_rows)
     first, last = _rows(columns.t_ns, index.start_ns, window)
     t_s = np.asarray((columns.t_ns[first:last] - index.start_ns) * _NS, np.float64)
@@ -159,10 +162,12 @@ def packed(found: Sequence[Curves]) -> bytes:
 @dataclass(frozen=True, slots=True)
 class Moment:
     """What a log says about a moment: t_s of its sample; values by signal, None before its first one, and no number
-    where the log has none; q (2, 7) rad and object (7,) m, wxyz, None likewise."""
+    where the log has none; q (arms, 7) rad, of the arms that the log has, at these sides, and object (7,) m, wxyz, None
+    likewise."""
 
     t_s: float
     values: dict[str, float | None]
+    sides: tuple[str, ...]
     q: NDArray[np.float64] | None
     object: NDArray[np.float64] | None
 
@@ -180,23 +185,20 @@ def moment(folder: Path, index: Index, signals: Sequence[Signal], t_s: float) ->
         row = int(np.searchsorted(columns.t_ns, t_ns, side="right")) - 1
         if row >= 0:
             blocks[topic] = int(columns.t_ns[row]), columns.block(row)
-    values = {
-        signal.name: _finite(blocks[signal.topic][1][signal.column]) if signal.topic in blocks else None
-        for signal in signals
-    }
-    arms = [blocks.get(topic) for topic in ARM_TOPICS]
+    values: dict[str, float | None] = {signal.name: None for signal in signals}
+    for signal in signals:
+        if signal.topic in blocks and np.isfinite(value := blocks[signal.topic][1][signal.column]):
+            values[signal.name] = float(value)
+    arms = [blocks.get(f"/{side}/arm") for side in index.sides]
     pose = blocks.get(OBJECT_TOPIC)
     newest = max((t for t, _ in blocks.values()), default=t_ns)
     return Moment(
         t_s=(newest - index.start_ns) * _NS,
         values=values,
-        q=None if None in arms else np.array([arm[1][:7] for arm in arms if arm is not None], np.float64),
+        sides=index.sides,
+        q=None if None in arms or not arms else np.array([arm[1][:7] for arm in arms if arm is not None], np.float64),
         object=None if pose is None else pose[1][:7].astype(np.float64),
     )
-
-
-def _finite(value: np.float32) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Who may use the console: who I am, further browsers, tokens for programs, and the trail of what everybody did."""
 
 import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -11,8 +10,8 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
-from console.sign_in import INVITATION_S, PAIRING_S, UserSession
-from console.tokens import NoSuchToken, Scope, Token, TokenName, TokensError
+from console.sign_in import INVITATION_S, PAIRING_S
+from rtstack.access.tokens import Scope, Token, TokenName
 from rtstack.live.audit import AuditLine
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.messages import MESSAGE
@@ -128,16 +127,15 @@ def pair(order: InvitationOrder, session: NeedsSession, parts: NeedsParts) -> Pa
 @router.get("/tokens", responses=problems(409))
 def tokens(session: NeedsSession, parts: NeedsParts) -> list[TokenRow]:
     """List the tokens of programs, oldest first. Only for who may operate."""
-    _check(session)
-    with _refusing():
-        return [_row(token, parts) for token in parts.sign_in.tokens.all()]
+    if session.scope is not Scope.OPERATE:
+        raise HTTPException(403, "this session may only look: its scope is `view`")
+    return [_row(token, parts) for token in parts.sign_in.tokens.all()]
 
 
 @router.post("/tokens", status_code=201, responses=problems(409))
 def create_token(order: TokenOrder, session: NeedsSession, parts: NeedsParts) -> NewToken:
     """Make a token for a program. The answer has it; it cannot be shown again."""
-    with _refusing():
-        token, word = parts.sign_in.tokens.create(order.name, order.scope)
+    token, word = parts.sign_in.tokens.create(order.name, order.scope)
     text = f"{session.operator} made token {token.id} for {token.name}: {token.scope}"
     parts.audit.note("token", session.operator, text)
     return NewToken(_row(token, parts), word)
@@ -146,8 +144,7 @@ def create_token(order: TokenOrder, session: NeedsSession, parts: NeedsParts) ->
 @router.delete("/tokens/{token_id}", responses=problems(404, 409))
 def revoke_token(token_id: _Id, session: NeedsSession, parts: NeedsParts) -> TokenRow:
     """Revoke a token: its program is refused from now on, on open connections too."""
-    with _refusing():
-        token = parts.sign_in.tokens.revoke(token_id)
+    token = parts.sign_in.tokens.revoke(token_id)
     parts.audit.note("token", session.operator, f"{session.operator} revoked token {token.id} of {token.name}")
     return _row(token, parts)
 
@@ -156,21 +153,6 @@ def revoke_token(token_id: _Id, session: NeedsSession, parts: NeedsParts) -> Tok
 def audit(parts: NeedsParts, limit: Annotated[int, Query(ge=1, le=1000)] = 100) -> list[AuditLine]:
     """Return the newest lines of the audit trail, oldest first: who did what, and when."""
     return parts.audit.newest(limit)
-
-
-def _check(session: UserSession) -> None:
-    if session.scope is not Scope.OPERATE:
-        raise HTTPException(403, "this session may only look: its scope is `view`")
-
-
-@contextlib.contextmanager
-def _refusing() -> Iterator[None]:
-    try:
-        yield
-    except NoSuchToken as error:
-        raise HTTPException(404, str(error)) from None
-    except TokensError as error:
-        raise HTTPException(409, str(error)) from None
 
 
 def _row(token: Token, parts: Parts) -> TokenRow:

@@ -69,10 +69,7 @@ def put(
 @router.delete("/points/{name}", responses=problems(404))
 def remove(name: _Name, session: NeedsSession, parts: NeedsParts) -> CalibrationView:
     """Forget a point."""
-    try:
-        parts.calibration.remove(name)
-    except KeyError:
-        raise HTTPException(404, "there is no point of this name") from None
+    parts.calibration.remove(name)
     return parts.calibration.view()
 
 
@@ -80,10 +77,7 @@ def remove(name: _Name, session: NeedsSession, parts: NeedsParts) -> Calibration
 def take(name: _Name, session: NeedsHolder, parts: NeedsParts) -> CalibrationView:
     """Measure a point as the arms stand now. By who has control, while no job runs."""
     _check_idle(parts)
-    try:
-        parts.calibration.take(name)
-    except KeyError:
-        raise HTTPException(404, "there is no point of this name") from None
+    parts.calibration.take(name)
     return parts.calibration.view()
 
 

@@ -10,10 +10,11 @@ import contextlib
 import struct
 import time
 
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, WebSocket
 
+from console.live.watch import Watch
 from console.parts import parts_of, session_now
-from console.watch import Watch
+from console.routes.sockets import SIGNED_OUT, listening
 from rtstack.cameras.newest import NewestPictures, Picture
 
 router = APIRouter(prefix="/api/cameras", tags=["robot"])
@@ -34,28 +35,19 @@ async def stream(websocket: WebSocket, camera: str) -> None:
         await websocket.close(1008, "the cell has no such camera")
         return
     window, pictures = asyncio.Semaphore(WINDOW), _Pictures(parts.watch, camera)
-    listening = asyncio.create_task(_listen(websocket, window))
     try:
-        while True:
-            await window.acquire()
-            while (message := pictures.next()) is None and not listening.done():
-                await asyncio.sleep(_LOOK_S if pictures.shown else _REST_S)
-            if message is None or session_now(websocket) is None:
-                break
-            await websocket.send_bytes(message)
-        await websocket.close(1008, "not signed in any more")
-    except (WebSocketDisconnect, RuntimeError):
-        pass  # the page has gone
+        async with listening(websocket, lambda _: window.release()) as client:
+            client.add_done_callback(lambda _: window.release())
+            while True:
+                await window.acquire()
+                while (message := pictures.next()) is None and not client.done():
+                    await asyncio.sleep(_LOOK_S if pictures.shown else _REST_S)
+                if message is None or session_now(websocket) is None:
+                    break
+                await websocket.send_bytes(message)
+            await websocket.close(*SIGNED_OUT)
     finally:
-        listening.cancel()
         pictures.close()
-
-
-async def _listen(websocket: WebSocket, window: asyncio.Semaphore) -> None:
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        async for _ in websocket.iter_text():
-            window.release()
-    window.release()
 
 
 class _Pictures:
@@ -63,7 +55,7 @@ class _Pictures:
 
     def __init__(self, watch: Watch, camera: str) -> None:
         self._watch, self._camera = watch, camera
-        self._arm = watch.rings.reader("/left/arm")
+        self._arm = watch.rings.reader(f"/{watch.sides[0]}/arm")
         self._ring: str | None = None  # its name
         self._pictures = NewestPictures({})
         self._sent: Picture | None = None

@@ -6,7 +6,7 @@ import io
 import os
 import pathlib
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -18,21 +18,23 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
 from console.campaigns.folder import hidden
-from console.parts import NeedsParts, NeedsSession, Parts
-from console.queue.sweep import MOST_SHIFT_MM, Numbers, numbers
+from console.parts import NeedsParts, NeedsSession, Parts, check_objects, takes_two_arms
+from console.queue.entry import MOST_SHIFT_MM, Numbers, numbers
 from console.routes.problems import file_of, problems
 from console.sign_in import UserSession
-from hal.configuration import ConfigurationError
-from rtstack.experiments.own_plans import Comparison, keep_plan, own_plans, plan_folder
-from rtstack.experiments.registry import DEFAULT, installed_plans, kind_named, kind_of
+from hal.base.configuration import ConfigurationError
+from rtstack.experiments.own_plans import keep_plan, own_plans, plan_folder
+from rtstack.experiments.registry import installed_plans, kind_named, kind_of
 from rtstack.live.client import RobotRefused
-from rtstack.live.protocol import ObjectName, Phase, Seed
+from rtstack.live.protocol import Phase
 from rtstack.messages import MESSAGE, NUMBER, StrictBool
 from rtstack.trials.controllers import ControllerName
 from rtstack.trials.errors import TrialError
+from rtstack.trials.specification import ObjectName, Seed
 
 router = APIRouter(prefix="/api", tags=["campaigns"], responses=problems(404, 409))
 
+_COMPARISON = "reference-spreading"  # the kind of experiment that compares controllers
 _MOST_ROWS = 10_000
 # a report is a page of its own: its style and pictures are inside, and it may do nothing at all; of our origin, so that
 # the page around it hears the space bar in it
@@ -42,6 +44,7 @@ REPORT_POLICY = (
 
 Id = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
 Workers = Annotated[int, Field(ge=1, le=256), NUMBER]
+_TWO_ARMS = takes_two_arms("a campaign of trials")
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -123,7 +126,7 @@ def campaigns(parts: NeedsParts) -> CampaignsView:
     return CampaignsView(_plans(), tuple(parts.campaigns.views()), str(plan_folder()))
 
 
-@router.post("/campaigns", status_code=201, responses=problems(503))
+@router.post("/campaigns", status_code=201, responses=problems(503), dependencies=[_TWO_ARMS])
 def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Start a campaign here. Refused while another operator has control, or, without `nice`, with armed arms."""
     known = {plan.name: plan for plan in _plans()}
@@ -135,23 +138,21 @@ def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> Cam
     return parts.campaigns.start(order.name, order.quick, order.workers, NICEST if order.nice else NICENESS)
 
 
-@router.post("/plans", status_code=201, responses=problems(422))
+@router.post("/plans", status_code=201, responses=problems(422), dependencies=[_TWO_ARMS])
 def keep(order: PlanOrder, parts: NeedsParts) -> PlanView:
     """Write a plan of the user's own into their folder; it can then be started by its name. Never over another one."""
-    for name in order.objects:
-        if name not in parts.cell.objects:
-            known = ", ".join(parts.cell.objects)
-            raise HTTPException(409, f"objects: the cell has no {name}; it has {known}")
+    check_objects(parts, "objects", *order.objects)
     if order.name in installed_plans():
         raise HTTPException(409, f"name: {order.name} is an installed plan; take another name")
-    comparison = Comparison(
-        order.name, order.title or order.name.replace("-", " "), tuple(dict.fromkeys(order.controllers)),
-        tuple(dict.fromkeys(order.objects)), order.demonstrations,
-        tuple(numbers("displacements_mm", order.displacements_mm, MOST_SHIFT_MM)), order.repetitions, order.seed,
-    )  # fmt: skip
-    kind = kind_named(DEFAULT)
+    kind = kind_named(_COMPARISON)
+    values = asdict(order) | {
+        "title": order.title or order.name.replace("-", " "),
+        "controllers": tuple(dict.fromkeys(order.controllers)),
+        "objects": tuple(dict.fromkeys(order.objects)),
+        "displacements_mm": tuple(numbers("displacements_mm", order.displacements_mm, MOST_SHIFT_MM)),
+    }
     try:
-        path = keep_plan(comparison, installed_plans()[DEFAULT], lambda path: kind.read(path, quick=False))
+        path = keep_plan(order.name, kind.composed(values), lambda path: kind.read(path, quick=False))
     except ConfigurationError as error:
         raise HTTPException(409, str(error)) from None
     return _read(order.name, path, own=True)
@@ -163,7 +164,7 @@ def campaign(campaign_id: Id, parts: NeedsParts) -> CampaignView:
     return parts.campaigns.view(campaign_id)
 
 
-@router.post("/campaigns/{campaign_id}/resume", responses=problems(503))
+@router.post("/campaigns/{campaign_id}/resume", responses=problems(503), dependencies=[_TWO_ARMS])
 def resume(campaign_id: Id, order: RunOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Run what is missing, under the same rules as a start."""
     _check(order.nice, session, parts)

@@ -1,14 +1,26 @@
-"""The page of the HTTP interface. Swagger UI comes from an installed package: nothing of it is kept here or fetched."""
+"""The page of the HTTP interface. Swagger UI comes from an installed package: nothing of it is kept here or fetched.
 
+How the console describes itself: OpenAPI, from the routes' types and docstrings, and what does not stand there.
+
+A route's summary is the first sentence of its docstring.
+"""
+
+import re
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import HTTPException
+from fastapi.openapi.utils import get_openapi
 from fastapi.responses import FileResponse, HTMLResponse
+from fastapi.routing import APIRoute
 
+from console.guard import CSRF_HEADER, MAX_BODY_BYTES
 from console.parts import NeedsParts
+from console.routes.cameras import WINDOW
+from console.routes.problems import problems
 from console.templates import show
 
 router = APIRouter(include_in_schema=False)
@@ -17,6 +29,89 @@ OPENAPI_PATH = "/api/openapi.json"
 _PACKAGE = "fastapi-offline"
 _ASSETS = f"/assets/swagger-ui-{version(_PACKAGE)}"
 _TYPES = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css"}
+_TEXT = f"""\
+The operator's console as programs see it. The page uses nothing else.
+
+Bring a token as `Authorization: Bearer TOKEN`; `rtstack token create` or the page Access makes one. A browser has a
+session cookie instead, and repeats the session's word in `{CSRF_HEADER}` with every change. A client that moves the
+arms takes control (`/api/take`), arms (`/api/arm`), and gives a sign of life at least every second (`/api/beat`, or the
+message `beat` on `/live`). Everything that is refused is answered with one line, `error`. A body has at most
+{MAX_BODY_BYTES >> 10} KiB.
+
+Streams, which OpenAPI has no words for (WebSockets, with the same token or cookie):
+
+- `/live`: the state of arms, loop, job and hand, 20 times a second, as JSON.
+- `/api/teleoperation/hand`: the messages of `POST /api/teleoperation/hand`, each answered; closing releases the clutch.
+- `/api/cameras/NAME`: a camera's newest picture while a job runs: when it is of, us of the console's clock (`camera_us`
+  of a stamp), and how old it was when it was sent, ms, both float64 little-endian, then a JPEG. Any word says that it
+  was shown: no more than {WINDOW} are on their way.
+- `/api/logs/ID/scrub?view=NAME`: a cursor `{{"t": s, "signals": "a,b"}}`, answered with the values there.
+- `/foxglove/WORD`: the live topics for Foxglove; `GET /api/foxglove` has the address.
+"""
+
+_TAGS = {
+    "access": "Sessions, invitations, tokens, and the trail of who did what.",
+    "robot": "What the robot says.",
+    "control": "The lease, arming, STOP, recovery.",
+    "calibration": "Where bases, pads and tracker are: points, what they give, the cell's file.",
+    "jobs": "What the robot is asked to carry out.",
+    "queue": "Trials that wait, in the name of the operator who has control.",
+    "trials": "What trials have come to: cards, means of sweeps.",
+    "campaigns": "The papers' campaigns on simulated arms: progress, results, figures, reports.",
+    "teleoperation": "Teleoperation of the arms.",
+    "training": "Faults of simulated arms at a random moment, and what the operator did about them.",
+    "recordings": "Demonstrations: extracted, accepted, thrown away.",
+    "logs": "The list of logs, what the review reads of one, what people say about them, and the trash.",
+}
+
+
+def operation_id(route: APIRoute) -> str:
+    """Return a route's name for programs: its group and what it does."""
+    return "_".join([*(str(tag) for tag in route.tags[:1]), route.name])
+
+
+def describe(app: FastAPI) -> None:
+    """Have the application answer for itself at OPENAPI_PATH."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = get_openapi(title=app.title, version=app.version, description=_TEXT, routes=app.routes)
+            app.openapi_schema = _completed(document)
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _completed(document: dict[str, Any]) -> dict[str, Any]:
+    refused = document["components"]["schemas"]
+    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own form, which is never sent
+        refused.pop(name, None)
+    for operations in document["paths"].values():
+        for method, operation in operations.items():
+            paragraph, _, rest = operation.get("description", "").partition("\n\n")
+            sentence, _, more = re.sub(r"\s+", " ", paragraph).partition(". ")
+            operation["summary"] = sentence.rstrip(".")
+            operation["description"] = "\n\n".join(part for part in (more, rest) if part)
+            responses = operation["responses"]
+            if "422" in responses:
+                responses["422"] = _problem(422)
+            if method != "get":
+                responses["413"] = _problem(413)
+    document["components"]["securitySchemes"] = {
+        "bearer": {"type": "http", "scheme": "bearer"},
+        "word": {"type": "apiKey", "in": "header", "name": CSRF_HEADER, "description": "with the session's cookie"},
+    }
+    document["security"] = [{"bearer": []}, {"word": []}]
+    used = {tag for operations in document["paths"].values() for one in operations.values() for tag in one["tags"]}
+    document["tags"] = [{"name": name, "description": text} for name, text in _TAGS.items() if name in used]
+    return document
+
+
+def _problem(status: int) -> dict[str, Any]:
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {
+        "description": problems(status)[status]["description"], "content": {"application/json": {"schema": schema}}
+    }  # fmt: skip
 
 
 def _installed() -> Path:

@@ -1,100 +1,82 @@
-"""Jobs: a scripted demonstration or a trial, one at a time."""
+"""Jobs, one at a time: what moves the arms, by hand or by itself, with a soft stop of a playback besides STOP."""
 
-from typing import Annotated
+from dataclasses import dataclass
 
 from fastapi import APIRouter
 from fastapi.exceptions import HTTPException
-from pydantic import Field
-from pydantic.dataclasses import dataclass as checked
 
-from console.log_rows import NoReference, reference_of
-from console.parts import NeedsParts, NeedsSession, Parts
-from console.preview import PreviewView
-from console.queue.entry import TrialOrder
+from console.orders import DemonstrationOrder, MoveOrder, PlaybackOrder, TeleoperationOrder, TrialOrder
+from console.parts import NeedsParts, NeedsSession, Parts, takes_two_arms
+from console.refused import Refused
+from console.review.logs import listed
 from console.routes.problems import problems
 from console.routes.scene import plan_of
-from rtstack.live.protocol import (
-    DemonstrationRequest,
-    GuideRequest,
-    JobRequest,
-    MoveRequest,
-    ObjectName,
-    Seed,
-    Status,
-    TeleoperationRequest,
-)
-from rtstack.log.catalogue import LogEntry
+from console.scene.preview import PreviewView
+from console.sign_in import UserSession
+from rtstack.live.protocol import JobSpecification, RunRequest, Status
 from rtstack.log.errors import LogError
-from rtstack.messages import MESSAGE, NUMBER, StrictBool
-from rtstack.trials.specification import HandMotion
+from rtstack.log_folder.catalogue import LogEntry
+from rtstack.log_folder.log_rows import reference_of
+from rtstack.trials.specification import GuideSpecification, PlaybackSpecification, TrialSpecification, like
 
-router = APIRouter(prefix="/api/jobs", tags=["jobs"], responses=problems(409, 503))
+router = APIRouter(prefix="/api", tags=["jobs"], responses=problems(409, 503))
 
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class DemonstrationOrder:
-    """What the page asks for when it records a scripted demonstration."""
-
-    object: ObjectName
-    variation: Annotated[int, Field(ge=0, le=10_000), NUMBER] = 0
-    seed: Seed = 0
+_TWO_ARMS = takes_two_arms("a trial of a grab")
+_NO_LOG = "there is no such log; choose one from the list"
 
 
-@checked(frozen=True, slots=True, config=MESSAGE)
-class TeleoperationOrder:
-    """What the page asks for before it moves the arms by hand. See TeleoperationRequest."""
+@dataclass(frozen=True, slots=True)
+class Finishing:
+    """Says that the wish for a soft stop has reached the loop's memory."""
 
-    object: ObjectName
-    seed: Seed = 0
-    recorded: StrictBool = False
-    stop_on_release: StrictBool = True
+    finishing: bool
 
 
-@router.post("/teleoperation", status_code=202)
+@dataclass(frozen=True, slots=True)
+class PlaybackLimit:
+    """The largest speed at which a log may be played, times its own, or why it cannot be; neither: not known yet."""
+
+    fastest: float | None
+    refused: str | None
+
+
+@router.post("/jobs/teleoperation", status_code=202)
 def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a teleoperation: the arms hold where they are until the clutch is held."""
-    request = TeleoperationRequest(
-        order.object, order.seed, order.recorded, order.stop_on_release, operator=session.operator
-    )
-    return start_job(parts, request)
+    return start_job(parts, order, session)
 
 
-@router.post("/demonstration", status_code=202)
+@router.post("/jobs/demonstration", status_code=202)
 def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a scripted demonstration."""
-    return start_job(parts, DemonstrationRequest(order.object, order.variation, order.seed, operator=session.operator))
+    return start_job(parts, order, session)
 
 
-@checked(frozen=True, slots=True, config=MESSAGE)
-class MoveOrder:
-    """What the page asks for when the arms are to move by themselves from where they are. See MoveRequest."""
-
-    motion: HandMotion
-
-
-@router.post("/move", status_code=202)
+@router.post("/jobs/move", status_code=202)
 def move(order: MoveOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Go to the start, put down what is held, or open: on the cell as it is, under the judge."""
-    return start_job(parts, MoveRequest(order.motion, operator=session.operator))
+    return start_job(parts, order, session)
 
 
-@router.post("/guide", status_code=202)
+@router.post("/jobs/guide", status_code=202)
 def guide(session: NeedsSession, parts: NeedsParts) -> Status:
-    """Let a person push both arms while the clutch is held, in a fault too; hold it at once."""
-    return start_job(parts, GuideRequest(operator=session.operator))
+    """Let a person push the arms while the clutch is held, in a fault too; hold it at once."""
+    return start_job(parts, GuideSpecification(), session)
 
 
-@router.post("/trial", status_code=202, responses=problems(404))
+@router.post("/jobs/trial", status_code=202, responses=problems(404))
 def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a trial that follows a recording or a plan."""
     followed = followed_by(parts, order.reference)
-    status = start_job(parts, order.request(followed.path, session.operator))
+    status = start_job(parts, like(TrialSpecification, order, reference=str(followed.path)), session)
     if status.job is not None:
         parts.scenes.plans.ordered(status.job.number, plan_of(parts, order, order.object))
     return status
 
 
-@router.post("/preview", status_code=202, responses=problems(404))
+@router.post(
+    "/jobs/preview", status_code=202, responses=problems(404), dependencies=[takes_two_arms("a trial of a grab")]
+)
 def begin_preview(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> PreviewView:
     """Simulate a trial, and show it in the scene as a ghost. No arm moves, and no control is needed."""
     status = parts.watch.view.status
@@ -103,24 +85,48 @@ def begin_preview(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -
     return parts.preview.begin(order, followed_by(parts, order.reference).path)
 
 
-@router.get("/preview")
+@router.get("/jobs/preview")
 def preview(parts: NeedsParts) -> PreviewView:
     """Return how far the newest preview is, and what came out."""
     return parts.preview.view
 
 
+@router.post("/jobs/playback", status_code=202, responses=problems(404))
+def playback(order: PlaybackOrder, session: NeedsSession, parts: NeedsParts) -> Status:
+    """Start playing a log. What its path asks of the arms at this speed is looked at before they move."""
+    log = listed(parts.catalogue, order.source, _NO_LOG)
+    return start_job(parts, like(PlaybackSpecification, order, source=str(log.path)), session)
+
+
+@router.get("/logs/{log_id}/playback", responses=problems(404))
+def limit(log_id: str, parts: NeedsParts) -> PlaybackLimit:
+    """Say how fast a log may be played on the arms. The first answers have neither: it is being computed."""
+    question = parts.questions.ask("fastest", listed(parts.catalogue, log_id, _NO_LOG).path)
+    if not question.done:
+        return PlaybackLimit(None, None)
+    try:
+        return PlaybackLimit(question.answer(), None)
+    except Refused as error:
+        return PlaybackLimit(None, str(error))
+
+
+@router.post("/playback/finish")
+def finish(session: NeedsSession, parts: NeedsParts) -> Finishing:
+    """Brake along the path, to rest. STOP is quicker."""
+    parts.teleop.finish(session.operator)
+    return Finishing(True)
+
+
 def followed_by(parts: Parts, log_id: str) -> LogEntry:
-    """Return the recording or plan of an id. Raises HTTPException for what no trial may follow."""
+    """Return the recording or plan of an id. Raises HTTPException, NoReference for what no trial may follow."""
     try:
         return reference_of(parts.catalogue, log_id)
-    except NoReference as error:
-        raise HTTPException(409, str(error)) from None
     except LogError:
         raise HTTPException(404, "there is no such recording or plan; choose one from the list") from None
 
 
-def start_job(parts: Parts, request: JobRequest) -> Status:
-    """Order a job and return the status that answers. Raises RobotRefused, RobotUnreachable."""
-    status = parts.client.start(request)
+def start_job(parts: Parts, asked: JobSpecification, session: UserSession, faults: str = "") -> Status:
+    """Ask for a run and return the status that answers. Raises RobotRefused, RobotUnreachable."""
+    status = parts.client.start(RunRequest(asked, session.operator, faults))
     parts.watch.learn(status)
     return status

@@ -1,56 +1,124 @@
-"""The live state, pushed to the page 20 times a second, its answers, and the events behind it.
+"""The robot: its status, its modes' names; the live state, pushed to the page 20 times a second, and its answers.
 
 A page answers each view that it has shown: that is its operator's sign of life. It needs no timer, which a browser
 slows down in a hidden tab, and a page that is closed, frozen or broken gives none.
+
+Foxglove has a WebSocket of its own, and the guard has let in who knows its address.
 """
 
 import asyncio
-import contextlib
+from dataclasses import dataclass
 
 import msgspec
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, WebSocket
+from starlette.concurrency import run_in_threadpool
 
-from console.parts import NeedsParts, parts_of, session_now
-from console.watch import EventView
+from console.guard import FEED_PREFIX
+from console.live.feed import PERIOD_S, SUBPROTOCOLS, Feed, server_info
+from console.live.watch import EventView
+from console.parts import NeedsParts, NeedsSession, parts_of, session_now
+from console.routes.problems import problems
+from console.routes.sockets import SIGNED_OUT, listening
+from rtstack.live.protocol import Status
+from rtstack.palette import MODE_STYLES
+from rtstack.trials.record import frames
 
 router = APIRouter(tags=["robot"])
+_UNREACHABLE = problems(503)
 
 _PERIOD_S = 0.05
+_MAX_CLIENTS = 4  # Foxglove's
+_clients: set[WebSocket] = set()
 BEAT = "beat"
+
+
+@dataclass(frozen=True, slots=True)
+class ModeInfo:
+    """A mode of the controller: its name in the live state and in logs, its word on pages, what it means, its colour,
+    and that on a light ground.
+    """
+
+    name: str
+    word: str
+    meaning: str
+    colour: str
+    light: str
+
+
+@router.get("/api/modes", responses=_UNREACHABLE)
+def modes() -> list[ModeInfo]:
+    """Return every mode, as pages write and colour it."""
+    return [ModeInfo(s.mode.name, s.word, s.meaning, s.colour, s.light) for s in MODE_STYLES.values()]
+
+
+@router.get("/api/status", responses=_UNREACHABLE)
+def status(parts: NeedsParts) -> Status:
+    """Return how the robot process is."""
+    return parts.client.status()
 
 
 @router.websocket("/live")
 async def live(websocket: WebSocket) -> None:
     """Push the live view, and as whom this session acts (`you`), until the page closes."""
     parts = parts_of(websocket)
-    watch = parts.watch
+    watch, ghost = parts.watch, parts.scenes.ghost
+
+    def hear(message: str) -> None:
+        session = session_now(websocket)
+        if message == BEAT and session is not None:
+            parts.heartbeats.note(session.operator)
+
     await websocket.accept()
-    listening = asyncio.create_task(_listen(websocket))
-    try:
+    async with listening(websocket, hear):
         while (session := session_now(websocket)) is not None:
-            ghost = parts.scenes.ghost
             ghost.watch(watch.view.status)
             own = msgspec.json.encode({"you": session.operator, "hand": parts.teleop.view, "ghost": ghost.view})
             # waits for a page that does not keep up: it is sent the newest view next, and none in between
             await websocket.send_text((watch.document[:-1] + b"," + own[1:]).decode())
             await asyncio.sleep(_PERIOD_S)
-        await websocket.close(1008, "not signed in any more")
-    except (WebSocketDisconnect, RuntimeError):
-        pass  # the page has gone
-    finally:
-        listening.cancel()
-
-
-async def _listen(websocket: WebSocket) -> None:
-    heartbeats = parts_of(websocket).heartbeats
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        async for message in websocket.iter_text():
-            session = session_now(websocket)
-            if message == BEAT and session is not None:
-                heartbeats.note(session.operator)
+        await websocket.close(*SIGNED_OUT)
 
 
 @router.get("/api/events")
 def events(parts: NeedsParts) -> list[EventView]:
     """Return the newest events, oldest first."""
     return list(parts.watch.events())
+
+
+@dataclass(frozen=True, slots=True)
+class FeedAddress:
+    """What Foxglove is told to open."""
+
+    address: str
+
+
+@router.get("/api/foxglove")
+def address(session: NeedsSession, parts: NeedsParts) -> FeedAddress:
+    """Return the address that Foxglove connects to. It allows viewing while the session that asks lasts."""
+    return FeedAddress(f"{parts.sign_in.address.base.replace('http', 'ws', 1)}{FEED_PREFIX}{session.feed}")
+
+
+@router.websocket(FEED_PREFIX + "{feed}")
+async def foxglove(websocket: WebSocket, feed: str) -> None:
+    """Send what the client subscribes to, until it goes."""
+    chosen = next((name for name in SUBPROTOCOLS if name in websocket.scope.get("subprotocols", [])), None)
+    if chosen is None or len(_clients) >= _MAX_CLIENTS:
+        await websocket.close(1008, "not Foxglove's protocol" if chosen is None else "too many are watching")
+        return
+    parts = parts_of(websocket)
+    await websocket.accept(subprotocol=chosen)
+    live = Feed(parts.watch.rings, frames(parts.cell, next(iter(parts.cell.objects))))
+    _clients.add(websocket)
+    try:
+        async with listening(websocket, live.hear) as client:
+            await websocket.send_text(server_info(parts.cell.name))
+            await websocket.send_text(live.advertisement())
+            while not client.done():
+                if session_now(websocket) is None:
+                    await websocket.close(1008, "the session of this address has signed out")
+                    break
+                for message in await run_in_threadpool(live.poll):
+                    await websocket.send_bytes(message)
+                await asyncio.sleep(PERIOD_S)
+    finally:
+        _clients.discard(websocket)

@@ -7,21 +7,29 @@ from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
-from console.log_rows import LogRow, log_path, log_row
 from console.parts import NeedsParts, Parts, written_now
-from console.review.cameras import picture_at, picture_times
 from console.review.columns import Mark
-from console.review.difference import differences
 from console.review.figure import MEDIA_TYPES, drawn_logs, figure_file, overlays_of
-from console.review.logs import NotReviewable, ReadLog, entry_of, opened, opened_entry, read_share, wanted_signals
-from console.review.search import Outcome, SortKey, ordered, search
+from console.review.logs import (
+    ReadLog,
+    begun,
+    entry_of,
+    listed,
+    opened_entry,
+    picture_at,
+    picture_times,
+    wanted_signals,
+)
 from console.review.series import Tabled, Window, csv_lines, curves, difference_curves, moment, packed
 from console.routes.problems import file_of, problems
 from rtstack.figures.log_data import with_references
-from rtstack.log.catalogue import LogCondition
-from rtstack.log.lateness import lateness_of
+from rtstack.log.analysis.lateness import lateness_of
+from rtstack.log.analysis.signals import Signal, signals
 from rtstack.log.reader import read_log
-from rtstack.log.signals import Signal, signals
+from rtstack.log_folder.catalogue import LogCondition
+from rtstack.log_folder.difference import differences
+from rtstack.log_folder.log_rows import LogRow, log_row
+from rtstack.log_folder.search import Outcome, SortKey, ordered, search
 from rtstack.samples import Level
 
 router = APIRouter(prefix="/api/logs", tags=["logs"], responses=problems(500))
@@ -36,11 +44,7 @@ Width = Annotated[int, Query(ge=16, le=8192)]
 
 
 def _log(parts: Parts, log_id: str) -> ReadLog:
-    """Return a log of which something has been read, or say why there is none."""
-    log = opened(parts.catalogue, parts.review_cache, log_id)
-    if log is None:
-        raise NotReviewable(409, "nothing of this log has been read yet: ask for /api/logs/ID until `share` grows")
-    return log
+    return begun(parts.catalogue, parts.review_cache, log_id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,7 @@ class LogReview:
     """A log as far as it has been read. trial and result: its metadata; topics: samples of each.
 
     share: how much of it, 0 to 1; start_ns: of its first sample; modes: (from s, to s, mode) of each side.
+    Nothing is in it of an arm that the log does not have.
     """
 
     row: LogRow
@@ -65,7 +70,7 @@ class LogReview:
 
 @dataclass(frozen=True, slots=True)
 class ValuesAt:
-    """What a log says about a moment: see console.review.series.Moment."""
+    """What a log says about a moment: see console.review.series.Moment. q: of the arms that the log has."""
 
     t_s: float
     values: dict[str, float | None]
@@ -134,7 +139,7 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
         trial=None if entry.trial is None else dict(entry.trial),
         result=None if entry.result is None else dict(entry.result),
         condition=entry.condition,
-        share=read_share(read),
+        share=0.0 if index is None else index.share,
         done=index is not None and index.done,
         start_ns=None if index is None else str(index.start_ns),  # beyond what a browser's numbers can hold
         duration_s=None if index is None else index.duration_s,
@@ -180,7 +185,7 @@ def series(
 
 @router.get("/{log_id}/values", responses=_OF_A_LOG)
 def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> ValuesAt:
-    """Return the newest samples at a moment: values of signals, joints of both arms, the object's pose."""
+    """Return the newest samples at a moment: values of signals, joints of the arms, the object's pose."""
     read = _log(parts, log_id)
     found = moment(read.folder, read.index, wanted_signals(signals), t)
     return ValuesAt(
@@ -285,7 +290,5 @@ def picture(log_id: str, camera: str, t: Seconds, parts: NeedsParts) -> Response
 )
 def download(log_id: str, parts: NeedsParts) -> FileResponse:
     """Send the file of a log."""
-    path = log_path(parts.catalogue, log_id)
-    if path is None or not path.is_file():
-        raise HTTPException(404, "there is no such log; reload the list")
+    path = listed(parts.catalogue, log_id).path
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)

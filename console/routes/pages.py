@@ -5,39 +5,27 @@ from contextlib import suppress
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
-from console.mode_sheet import SHEET_PATH, mode_sheet
-from console.parts import NeedsParts
-from console.remedies import chapters
-from console.review.logs import NotReviewable, entry_of, opened_entry
+from console.live.remedies import chapters
+from console.parts import NeedsParts, takes_two_arms
+from console.refused import Refused
+from console.review.logs import entry_of, opened_entry
 from console.routes.recordings import recording_entry
-from console.templates import show, sign_in_page
+from console.templates import mode_sheet, show, sign_in_page
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Reaction
-from rtstack.teleoperation.reach import (
-    FASTEST_M_S,
-    HARDEST_N_M,
-    SLOWEST_M_S,
-    SOFTEST_N_M,
-    SPEED_M_S,
-    STIFFNESS_N_M,
-)
+from rtstack.teleoperation import reach
 from rtstack.trials.controllers import DEFAULT, controller_names
 
 router = APIRouter(include_in_schema=False)
 
 _REACH = {
-    "slowest": SLOWEST_M_S,
-    "fastest": FASTEST_M_S,
-    "speed": SPEED_M_S,
-    "softest": SOFTEST_N_M,
-    "hardest": HARDEST_N_M,
-    "stiffness": STIFFNESS_N_M,
-}
-
+    "slowest": reach.SLOWEST_M_S, "fastest": reach.FASTEST_M_S, "speed": reach.SPEED_M_S,
+    "softest": reach.SOFTEST_N_M, "hardest": reach.HARDEST_N_M, "stiffness": reach.STIFFNESS_N_M,
+}  # fmt: skip
 _CHOICES = {"controllers": controller_names(), "reactions": [str(name) for name in Reaction]}
 
 
-@router.get(SHEET_PATH, response_class=Response)
+@router.get("/static/css/modes.css", response_class=Response)
 def modes() -> Response:
     """Send the style sheet of the modes."""
     return Response(mode_sheet(), media_type="text/css")
@@ -52,13 +40,13 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
     return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
 
 
-@router.get("/trials", response_class=HTMLResponse)
+@router.get("/trials", response_class=HTMLResponse, dependencies=[takes_two_arms("a queue of trials")])
 def trials(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of the queue and of the trials that there are."""
     return show("trials.html", "trials", request, parts, default_controller=DEFAULT, **_CHOICES)
 
 
-@router.get("/campaigns", response_class=HTMLResponse)
+@router.get("/campaigns", response_class=HTMLResponse, dependencies=[takes_two_arms("a campaign of trials")])
 def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of all campaigns."""
     return show("campaigns.html", "campaigns", request, parts, default_controller=DEFAULT, **_CHOICES)
@@ -82,7 +70,7 @@ def recovery(request: Request, parts: NeedsParts) -> HTMLResponse:
     return show("recovery.html", "recovery", request, parts, chapters=chapters())
 
 
-@router.get("/recordings/{log_id}", response_class=HTMLResponse)
+@router.get("/recordings/{log_id}", response_class=HTMLResponse, dependencies=[takes_two_arms("a reference")])
 def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page on which a recording is looked at and decided about."""
     return show("recording.html", "operate", request, parts, log=recording_entry(parts, log_id))
@@ -98,6 +86,6 @@ def log_list(request: Request, parts: NeedsParts) -> HTMLResponse:
 def log_review(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the review of one log."""
     entry = entry_of(parts.catalogue, log_id)
-    with suppress(NotReviewable):  # the page itself asks again, and says why
+    with suppress(Refused):  # the page itself asks again, and says why
         opened_entry(entry, parts.review_cache)  # it is read while the browser loads the page
     return show("log.html", "logs", request, parts, log=entry, modes=MODE_STYLES)

@@ -6,12 +6,15 @@ with `refused`, why the last answer is not followed, or null. While the policy h
 Pictures are JPEG in base64.
 An answer that is missing, late or wrong is no sign of life: the robot process stops the arms when CLUTCH_S
 (rtstack.loop.watchdogs) have passed without one. A connection that closes ends the lease, and the arms hold.
+
+What a policy sees over its socket, and its answers on their way into the mailbox. May be called from any thread.
 """
 
 import asyncio
 import time
 from base64 import b64encode
 from contextlib import suppress
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,22 +22,104 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from console.parts import NeedsParts, NeedsSession, parts_of, session_now
+from console.live.arm_watch import in_world
+from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.routes.problems import problems
-from console.teleoperation.policy_input import PolicyInput
+from console.routes.sockets import SIGNED_OUT
 from console.teleoperation.teleop_view import TeleopView
+from rtstack.cameras.newest import NewestPictures
 from rtstack.live.protocol import Operator
-from rtstack.loop.target import CHUNK_POSES
-from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat
+from rtstack.loop.mailbox import CHUNK_POSES
+from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat, problem
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import base_frame
+from rtstack.samples import Mode
 from rtstack.teleoperation.policy import FASTEST_HZ, LONGEST_STEP_S, SLOWEST_HZ, Chunk, Observation
+from rtstack.trials.assembly import cell_parameters
 
 router = APIRouter(prefix="/api/policy", tags=["teleoperation"], responses=problems(409))
 
 _WAIT_S = 0.2
 _Seven = Annotated[list[StrictFloat], Field(min_length=7, max_length=7)]
 _Steps = Annotated[
-    list[Annotated[list[_Seven], Field(min_length=2, max_length=2)]], Field(min_length=1, max_length=CHUNK_POSES)
+    list[Annotated[list[_Seven], Field(min_length=1, max_length=2)]], Field(min_length=1, max_length=CHUNK_POSES)
 ]
+
+
+class PolicyInput:
+    """One connection of a policy."""
+
+    def __init__(self, name: str, parts: Parts) -> None:
+        self._name, self._teleop, self._mailbox, self._cell = name, parts.teleop, parts.mailbox, parts.cell
+        cell, rings = parts.cell, parts.watch.rings
+        self._bases = [base_frame(mounting) for mounting in cell.arms]
+        self._arms = [rings.reader(f"/{side}/arm") for side in cell.sides]
+        self._controls = [rings.reader(f"/{side}/control") for side in cell.sides]
+        self._object = rings.reader("/object/pose")
+        self._cameras, self._pictures = parts.watch.cameras, NewestPictures({})
+        self._lease: tuple[int, int] | None = None
+        self._number, self._began_ns = 0, 0
+        self._shown: Observation | None = None
+
+    def observe(self) -> Observation | None:
+        """Return what the arms say now, None without a lease or before the teleoperation says where they are to be."""
+        lease = self._teleop.lease(self._name)
+        arms, controls = ([reader.latest() for reader in readers] for readers in (self._arms, self._controls))
+        thing = self._object.latest()
+        self._shown = None
+        if lease is None or any(record is None for record in (*arms, *controls)):
+            return None
+        arms, controls = ([record[0] for record in records if record is not None] for records in (arms, controls))
+        if any(control["mode"] != Mode.TELEOPERATION for control in controls):
+            return None  # what an idle cell says has no reference
+        t_ns = int(arms[0]["t_ns"])
+        if lease != self._lease:
+            self._lease, self._began_ns = lease, t_ns
+            self._look()
+        self._number += 1
+        pads = [in_world(base, arm) for base, arm in zip(self._bases, arms, strict=True)]
+        pose = None
+        if thing is not None and thing["seen"][0]:
+            pose = np.concatenate([thing["position"][0], thing["orientation_wxyz"][0]])
+        self._shown = Observation(
+            self._number, t_ns, (t_ns - self._began_ns) * 1e-9,
+            np.stack([arm["q"] for arm in arms]), np.stack([arm["dq"] for arm in arms]),
+            np.stack([pad[0] for pad in pads]), np.stack([control["pose_ref"] for control in controls]),
+            np.stack([pad[1] for pad in pads]), pose, self._pictures.at(t_ns),
+        )  # fmt: skip
+        return self._shown
+
+    def _look(self) -> None:
+        self._pictures.close()
+        try:
+            self._pictures = NewestPictures(self._cameras())
+        except OSError:  # the run has just ended, and its pictures with it
+            self._pictures = NewestPictures({})
+
+    def answer(self, number: int, chunk: Chunk) -> str | None:
+        """Take the answer to an observation. Returns in one line why it is not followed, None where it is."""
+        lease, shown = self._lease, self._shown
+        if shown is None or number != shown.number:
+            return f"it answers observation {number}, and the newest is {self._number}"
+        self._shown = None  # one answer each
+        if lease is None or lease != self._teleop.lease(self._name):
+            return "the lease is over"
+        problem = chunk.problem(len(self._cell.arms))
+        if problem is not None:
+            return problem
+        record = chunk.record(self._models, self._posture_joint)
+        record["job"], record["lease"] = lease
+        record["observed_ns"], record["beat_ns"] = shown.t_ns, time.monotonic_ns()
+        self._mailbox.write_chunk(record)
+        return None
+
+    @cached_property
+    def _models(self) -> dict[str, ArmModel]:
+        return {side: ArmModel(mounting, self._cell.pad) for side, mounting in self._cell.mountings.items()}
+
+    @cached_property
+    def _posture_joint(self) -> int:
+        return cell_parameters(self._cell).control.posture_joint
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -46,7 +131,8 @@ class LeaseOrder:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class PolicyAnswer:
-    """An answer: to which observation, and the chunk (rtstack.teleoperation.policy.Chunk)."""
+    """An answer: to which observation, and the chunk (rtstack.teleoperation.policy.Chunk): a row for each arm that the
+    cell has, left before right."""
 
     to: Annotated[int, NUMBER]
     step_s: Annotated[StrictFloat, Field(gt=0.0, le=LONGEST_STEP_S)] = 0.02
@@ -79,14 +165,14 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         await websocket.close(1008, f"rate_hz is from {SLOWEST_HZ} to {FASTEST_HZ}")
         return
     name = session.operator
-    policy = PolicyInput(name, parts.teleop, parts.mailbox, parts.watch.rings, parts.cell, parts.watch.cameras)
+    policy = PolicyInput(name, parts)
     refused: str | None = None
     parts.teleop.policy_connected(name)
     try:
         while (session := session_now(websocket)) is not None and session.operator == name:
             observation = policy.observe()
             if observation is None:
-                leads = policy.leads
+                leads = parts.teleop.lease(name) is not None
                 lacks = (
                     "the teleoperation has not begun" if leads else f"the operator in control has given {name} no lease"
                 )
@@ -103,7 +189,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         parts.teleop.end_lease(name)
         parts.teleop.policy_connected(name, -1)
     with suppress(RuntimeError, WebSocketDisconnect):
-        await websocket.close(1008, "not signed in any more")
+        await websocket.close(*SIGNED_OUT)
 
 
 def _take(policy: PolicyInput, text: str, end_lease: Any, name: str) -> str | None:
@@ -111,8 +197,7 @@ def _take(policy: PolicyInput, text: str, end_lease: Any, name: str) -> str | No
     try:
         answer = _ANSWERS.validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        return f"{'.'.join(str(part) for part in first['loc']) or 'answer'}: {first['msg']}"
+        return problem(error, "answer")
     if answer.finished:
         end_lease(name)
         return None

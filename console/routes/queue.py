@@ -8,24 +8,24 @@ import time
 from typing import Annotated
 
 from fastapi import APIRouter, BackgroundTasks, Path
-from fastapi.exceptions import HTTPException
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from console.log_rows import log_row
-from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts
-from console.queue.entry import QueueOrder, QueueView
-from console.queue.queue import MAX_ENTRIES, QueueRefused
-from console.queue.sweep import SweepOrder, SweepSize
+from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts, check_objects, takes_two_arms
+from console.queue.entry import QueueOrder, QueueView, SweepOrder, SweepSize
+from console.queue.queue import MAX_ENTRIES
+from console.refused import Refused
 from console.routes.control import stop
 from console.routes.jobs import followed_by
 from console.routes.problems import problems
 from rtstack.live.client import RobotRefused
+from rtstack.log_folder.log_rows import log_row
 from rtstack.messages import MESSAGE, NUMBER, StrictBool
 
 router = APIRouter(prefix="/api/queue", tags=["queue"], responses=problems(409, 500, 503))
 
 EntryId = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
+_TWO_ARMS = takes_two_arms("a queue of trials")
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -55,22 +55,22 @@ def queue(parts: NeedsParts) -> QueueView:
     return parts.queue.view()
 
 
-@router.post("", status_code=201, responses=problems(404))
+@router.post("", status_code=201, responses=problems(404), dependencies=[_TWO_ARMS])
 def add(order: QueueOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Append a trial so many times, each with the next seed. Only the operator with control."""
-    _check_objects(parts, "object", order.trial.object)
+    check_objects(parts, "object", order.trial.object)
     parts.queue.add(order, _name_of(parts, order.trial.reference))
     return parts.queue.view()
 
 
-@router.post("/sweep", status_code=201, responses=problems(404, 422))
+@router.post("/sweep", status_code=201, responses=problems(404, 422), dependencies=[_TWO_ARMS])
 def sweep(order: SweepOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Append a sweep: every combination of its objects, shifts, turns, seeds and controllers. All of it, or nothing.
 
     Only the operator with control.
     """
     trials = order.trials()
-    _check_objects(parts, "objects", *order.objects)
+    check_objects(parts, "objects", *order.objects)
     parts.queue.add_all(trials, _name_of(parts, order.reference))
     return parts.queue.view()
 
@@ -81,20 +81,13 @@ def sweep_size(order: SweepOrder, parts: NeedsParts) -> SweepSize:
     return SweepSize(len(order.trials()), parts.queue.room)
 
 
-def _check_objects(parts: Parts, field: str, *names: str) -> None:
-    for name in names:
-        if name not in parts.cell.objects:
-            known = ", ".join(parts.cell.objects)
-            raise HTTPException(409, f"{field}: the cell has no {name}; it has {known}")
-
-
 def _name_of(parts: Parts, reference: str) -> str:
     row = log_row(followed_by(parts, reference), None)
     made = time.strftime("%m-%d %H:%M:%S", time.localtime(row.when))
     return row.title or f"{row.kind} {(row.object or '').replace('_', ' ')}, {made}"
 
 
-@router.post("/start")
+@router.post("/start", dependencies=[_TWO_ARMS])
 def start(order: StartOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Let the queue run on this operator's word. Only the operator with control, with armed arms."""
     status = parts.client.status()
@@ -116,7 +109,7 @@ async def cancel_running(session: NeedsSession, parts: NeedsParts, afterwards: B
     """Pause the queue and stop its trial that runs, as STOP does. Everybody who may operate: it needs no lease."""
     parts.queue.pause(f"{session.operator} cancelled the trial that ran")
     if parts.queue.running() is None:
-        raise QueueRefused("no trial of the queue is running")
+        raise Refused(409, "no trial of the queue is running")
     await stop(session, parts, afterwards)
     return parts.queue.view()
 

@@ -1,29 +1,63 @@
 """Recordings: what can be extracted from one, what a person thinks of it, and throwing it away."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated
 
+import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
 from fastapi.responses import Response
 from pydantic import TypeAdapter
 
-from console.log_rows import RECORDINGS
 from console.parts import NeedsParts, NeedsSession, Parts, written_now
-from console.questions import Question, Refused
-from console.review.logs import opened
-from console.review.thumbnail import forces_svg
+from console.questions.questions import Question
+from console.review.columns import Columns, Index
+from console.review.logs import listed, opened
 from console.routes.problems import file_of, problems
-from rtstack.log.catalogue import LogEntry
-from rtstack.log.errors import LogError
+from rtstack.figures.style import COLOURS
+from rtstack.log.analysis.signals import signals
+from rtstack.log_folder.catalogue import LogEntry
+from rtstack.log_folder.log_rows import RECORDINGS
+from rtstack.log_folder.trash import delete as throw_away
 from rtstack.references.acceptance import Acceptance, load_acceptance, save_acceptance
-from rtstack.retention.trash import delete as throw_away
+from rtstack.samples import SIDES
 from rtstack.trials.extraction import Extraction
 
 router = APIRouter(prefix="/api/recordings", tags=["recordings"], responses=problems(404, 409, 500))
 
 Seconds = Annotated[float, Query(ge=0.0, le=3600.0, allow_inf_nan=False)]
 _EXTRACTION = TypeAdapter(Extraction)
+WIDTH, HEIGHT = 160, 36  # px
+_LEAST_N = 5.0  # of the height: noise does not fill the picture
+
+
+def forces_svg(folder: Path, index: Index) -> str:
+    """Return the drawing. Raises Refused."""
+    colours = dict(zip(SIDES, COLOURS, strict=False))
+    peaks = {side: _peaks(folder, index, side) for side in index.sides}
+    highest = max(_LEAST_N, *(float(peak.max()) for peak in peaks.values()))
+    lines = "".join(
+        f'<polyline points="{_points(peak / highest)}" fill="none" stroke="{colours[side]}" stroke-width="1.3"/>'
+        for side, peak in peaks.items()
+    )
+    size = f'width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}><title>{highest:.0f} N at most</title>{lines}</svg>'
+
+
+def _peaks(folder: Path, index: Index, side: str) -> np.ndarray:
+    """Return the largest force of each pixel, (WIDTH,) N."""
+    signal, found = signals()[f"{side}.pad_force"], np.zeros(WIDTH)
+    rows = index.rows.get(signal.topic, 0)
+    if rows:
+        high = np.nan_to_num(Columns(folder, signal.topic, rows).high(signal.column))
+        high = np.repeat(high, -(-WIDTH // len(high)))  # a short log has fewer buckets than there are pixels
+        np.maximum.at(found, (np.arange(len(high)) * WIDTH / len(high)).astype(int), high)
+    return found
+
+
+def _points(shares: np.ndarray) -> str:
+    return " ".join(f"{px},{HEIGHT - 1 - share * (HEIGHT - 3):.1f}" for px, share in enumerate(shares))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +96,7 @@ def recording(
     question = _extraction(parts, entry, replace(acceptance, **told))
     if not (wait or question.done):
         return RecordingView(acceptance, None, question.share)
-    return RecordingView(acceptance, _EXTRACTION.validate_python(_answer(question)), 1.0)
+    return RecordingView(acceptance, _EXTRACTION.validate_python(question.answer()), 1.0)
 
 
 @router.post("/{log_id}")
@@ -70,7 +104,7 @@ def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> Acceptance
     """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference."""
     entry = recording_entry(parts, log_id)
     if acceptance.verdict == "accepted":
-        problem = _answer(_extraction(parts, entry, acceptance))["problem"]
+        problem = _extraction(parts, entry, acceptance).answer()["problem"]
         if problem is not None:
             raise HTTPException(409, problem.replace(f"{entry.path}: ", ""))
     save_acceptance(entry.path, acceptance)
@@ -83,20 +117,13 @@ def _extraction(parts: Parts, entry: LogEntry, acceptance: Acceptance) -> Questi
     return parts.questions.ask("extraction", entry.path, said)
 
 
-def _answer(question: Question) -> dict[str, Any]:
-    try:
-        return question.answer()
-    except Refused as error:
-        raise HTTPException(409, str(error)) from None
-
-
 @router.get(
     "/{log_id}/thumbnail",
     response_class=Response,
     responses=file_of("image/svg+xml") | {202: {"description": "it is being read: ask again"}},
 )
 def thumbnail(log_id: str, parts: NeedsParts) -> Response:
-    """Draw the force on both pads over a recording, small: left blue, right orange."""
+    """Draw the force on the pads over a recording, small: left blue, right orange."""
     read = opened(parts.catalogue, parts.review_cache, recording_entry(parts, log_id).id)
     if read is None or not read.index.done:
         return Response(status_code=202)
@@ -114,11 +141,8 @@ def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> Discarded:
 
 
 def recording_entry(parts: Parts, log_id: str) -> LogEntry:
-    """Return the recording of an id. Raises HTTPException."""
-    try:
-        entry = parts.catalogue.entry(log_id)
-    except LogError:
-        raise HTTPException(404, "there is no such recording; choose one from the list") from None
+    """Return the recording of an id. Raises Refused, HTTPException."""
+    entry = listed(parts.catalogue, log_id, "there is no such recording; choose one from the list")
     if entry.kind not in RECORDINGS:
         raise HTTPException(404, "this log is no recording")
     return entry

@@ -7,26 +7,22 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from fastapi.exceptions import HTTPException
 
-from console.log_rows import RECORDINGS, LogRow, log_row
 from console.parts import NeedsParts, Parts, written_now
 from console.queue.entry import EntryState
+from console.refused import Refused
+from console.review.logs import growing, listed
 from console.routes.problems import problems
-from rtstack.log.catalogue import LogCondition, LogEntry
 from rtstack.log.errors import LogError
+from rtstack.log_folder import trash
+from rtstack.log_folder.catalogue import LogEntry
+from rtstack.log_folder.log_rows import RECORDINGS, LogRow, log_row
+from rtstack.log_folder.remarks import Remarks, save_remarks
+from rtstack.log_folder.trash import Trashed
 from rtstack.references.acceptance import AcceptanceState, load_acceptance, save_acceptance
-from rtstack.retention import trash
-from rtstack.retention.remarks import Remarks, save_remarks
-from rtstack.retention.trash import Trashed
 
 router = APIRouter(prefix="/api", tags=["logs"], responses=problems(500))
 
-_QUIET_S = 3.0  # a log that grows is flushed every 0.25 s
-
 TrashId = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
-
-
-class InUse(Exception):
-    """A log that cannot be deleted now. The message is one line that says what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +37,7 @@ class Trash:
 @router.post("/logs/{log_id}/remarks", responses=problems(404))
 def remark(log_id: str, remarks: Remarks, parts: NeedsParts) -> LogRow:
     """Say something about a log: star, tags, note, in the place of what was said before. Everybody who may operate."""
-    entry = _entry(parts, log_id)
+    entry = listed(parts.catalogue, log_id)
     if entry.kind in RECORDINGS:  # its note is where it is accepted: one note a log
         save_acceptance(entry.path, replace(load_acceptance(entry.path), note=remarks.note))
         remarks = replace(remarks, note="")
@@ -52,10 +48,8 @@ def remark(log_id: str, remarks: Remarks, parts: NeedsParts) -> LogRow:
 @router.post("/logs/{log_id}/delete", responses=problems(404, 409))
 def delete(log_id: str, parts: NeedsParts) -> Trashed:
     """Move a log to the trash. Refused while it is written or read, waits in the queue, or is an accepted reference."""
-    entry = _entry(parts, log_id)
-    why = _in_use(parts, entry)
-    if why is not None:
-        raise InUse(why)
+    entry = listed(parts.catalogue, log_id)
+    _check_unused(parts, entry)
     parts.review_cache.forget(entry)
     return trash.delete(entry.path)
 
@@ -89,23 +83,14 @@ def empty(parts: NeedsParts) -> Trash:
     return trashed(parts)
 
 
-def _entry(parts: Parts, log_id: str) -> LogEntry:
-    try:
-        return parts.catalogue.entry(log_id)
-    except LogError:
-        raise HTTPException(404, "there is no such log; reload the list") from None
-
-
-def _in_use(parts: Parts, entry: LogEntry) -> str | None:
-    """Why a log cannot be deleted now, in a line."""
-    growing = entry.condition is LogCondition.TRUNCATED and time.time() - entry.modified_s < _QUIET_S
-    if growing or entry.path.name == written_now(parts):
-        return "it is being written: wait until its run has ended"
+def _check_unused(parts: Parts, entry: LogEntry) -> None:
+    """Raise Refused where a log cannot be deleted now."""
+    if growing(entry) or entry.path.name == written_now(parts):
+        raise Refused(409, "it is being written: wait until its run has ended")
     if parts.review_cache.being_read(entry):
-        return "it is being read for the review: wait until that has ended"
+        raise Refused(409, "it is being read for the review: wait until that has ended")
     open_states = (EntryState.WAITING, EntryState.RUNNING)
     if any(each.trial.reference == entry.id and each.state in open_states for each in parts.queue.view().entries):
-        return "trials in the queue follow it: remove them first"
+        raise Refused(409, "trials in the queue follow it: remove them first")
     if entry.kind in RECORDINGS and load_acceptance(entry.path).verdict is AcceptanceState.ACCEPTED:
-        return "it is an accepted reference: reject it first, on its page"
-    return None
+        raise Refused(409, "it is an accepted reference: reject it first, on its page")

@@ -1,23 +1,23 @@
 """The review's scene and cursor: a page names itself by a key, `view`, and moves the arms of its own scene."""
 
 import asyncio
-import contextlib
 import re
 from typing import Any
 
-from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Request, WebSocket
 from fastapi.exceptions import HTTPException
 from fastapi.responses import Response
 from pydantic import BaseModel, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from console.parts import NeedsParts, Parts, parts_of, session_now
-from console.review.columns import ColumnsGone
-from console.review.logs import NotReviewable, ReadLog, opened, wanted_signals
+from console.refused import Refused
+from console.review.logs import ReadLog, begun, wanted_signals
 from console.review.scene import Pose, Poses
-from console.review.series import moment
+from console.review.series import Moment, moment
 from console.routes.scene import pass_on_page, pass_on_stream
-from console.scenes import Detail
+from console.routes.sockets import SIGNED_OUT, listening
+from console.scene.scenes import Detail
 from rtstack.messages import MESSAGE, StrictFloat
 
 router = APIRouter(include_in_schema=False)  # files and streams
@@ -64,11 +64,10 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
     parts = parts_of(websocket)
     await websocket.accept()
     newest: asyncio.Queue[str] = asyncio.Queue()
-    listening = asyncio.create_task(_listen(websocket, newest))
-    try:
+    async with listening(websocket, newest.put_nowait) as client:
         while True:
             waiting = asyncio.create_task(newest.get())
-            await asyncio.wait([waiting, listening], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([waiting, client], return_when=asyncio.FIRST_COMPLETED)
             if not waiting.done():
                 waiting.cancel()
                 return
@@ -76,52 +75,34 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
             while not newest.empty():
                 text = newest.get_nowait()
             if session_now(websocket) is None:
-                await websocket.close(1008, "not signed in any more")
+                await websocket.close(*SIGNED_OUT)
                 return
             await websocket.send_json(await run_in_threadpool(_answer, parts, log_id, view, text))
-    except (WebSocketDisconnect, RuntimeError):
-        pass  # the page has gone
-    finally:
-        listening.cancel()
-
-
-async def _listen(websocket: WebSocket, newest: asyncio.Queue[str]) -> None:
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError, KeyError):
-        while True:
-            newest.put_nowait(await websocket.receive_text())
 
 
 def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
     """Return the answer."""
     try:
         cursor = Cursor.model_validate_json(text)
-        read = _read(parts, log_id)
+        read = begun(parts.catalogue, parts.review_cache, log_id)
         found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
-        pose = Pose(found.q, _object_name(read.entry.trial), found.object)
-        ghost = None
+        pose = _pose(found, read)
+        ghost = there = None
         if cursor.other:
-            other = _read(parts, cursor.other)
+            other = begun(parts.catalogue, parts.review_cache, cursor.other)
             there = moment(other.folder, other.index, wanted_signals(cursor.signals), cursor.t - cursor.offset)
-            ghost = Pose(there.q, _object_name(other.entry.trial), there.object)
+            ghost = _pose(there, other)
     except ValidationError as error:
         return {"error": str(error.errors()[0]["msg"])}
-    except (NotReviewable, ColumnsGone) as error:
+    except Refused as error:
         return {"error": str(error)}
     shown = parts.review_scenes.show(view, Poses(pose, ghost)) if _VIEW.fullmatch(view) else 0
     answer = {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}
-    return answer if ghost is None else answer | {"ghost_t": there.t_s, "ghost_values": there.values}
+    return answer if there is None else answer | {"ghost_t": there.t_s, "ghost_values": there.values}
 
 
-def _read(parts: Parts, log_id: str) -> ReadLog:
-    """Return a log of which something has been read. Raises NotReviewable, ColumnsGone."""
-    read = opened(parts.catalogue, parts.review_cache, log_id)
-    if read is None:
-        raise NotReviewable(409, "nothing of this log has been read yet")
-    return read
-
-
-def _object_name(trial: Any) -> str:
-    return str((trial or {}).get("object", ""))
+def _pose(found: Moment, log: ReadLog) -> Pose:
+    return Pose(found.q, str((log.entry.trial or {}).get("object", "")), found.object, found.sides)
 
 
 def _check(view: str) -> None:

@@ -5,11 +5,11 @@ HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL: viser's client finds the one
 
 import asyncio
 import contextlib
-from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import quote
 
 import httpx
+import msgspec
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import HTTPException
 from fastapi.responses import RedirectResponse, Response
@@ -20,18 +20,17 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
-from console.log_rows import NoReference, reference_of
+from console.orders import TrialOrder
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
-from console.queue.entry import TrialOrder
-from console.scene_gate import lets_through
-from console.scene_server import SECRET_HEADER, VIEW_HEADER, SceneServer
-from console.scenes import Detail
-from console.tokens import Scope
-from console.trial_plan import TrialPlan
+from console.scene.scenes import Detail
+from console.scene.server import SECRET_HEADER, VIEW_HEADER, SceneServer
+from console.scene.trial_plan import TrialPlan
 from hal.displacement import Displacement
-from rtstack.live.protocol import DisplacementMm, ObjectName, YawDeg
+from rtstack.access.tokens import Scope
 from rtstack.log.errors import LogError
+from rtstack.log_folder.log_rows import NoReference, reference_of
 from rtstack.messages import MESSAGE
+from rtstack.trials.specification import DisplacementMm, ObjectName, YawDeg
 
 router = APIRouter(include_in_schema=False)
 
@@ -39,6 +38,26 @@ _PASSED_ON = ("content-type", "content-encoding", "content-length")
 _PACED_HEAD = b'<head><script src="/static/js/scene_pace.js"></script>'  # before viser's own script
 _LONGEST_NAME = 255  # of a file
 _MAX_MESSAGE_BYTES = 1 << 20  # from a page: camera poses and clicks are far smaller
+_FOR_EVERYBODY = frozenset({"ViewerCameraMessage"})
+_FOR_THE_HOLDER = frozenset(
+    {"TransformControlsUpdateMessage", "TransformControlsDragStartMessage", "TransformControlsDragEndMessage"}
+)
+
+
+class _Kind(msgspec.Struct):
+    type: str
+
+
+_decoder = msgspec.msgpack.Decoder(_Kind)
+
+
+def lets_through(message: bytes, holder: bool) -> bool:
+    """Whether a message of viser's client may pass; holder: whether its session has control. Others may not."""
+    try:
+        kind = _decoder.decode(message).type
+    except msgspec.MsgspecError:
+        return False
+    return kind in _FOR_EVERYBODY or (holder and kind in _FOR_THE_HOLDER)
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -52,21 +71,14 @@ class PlanShown:
     yaw_deg: YawDeg = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class PlanDrawn:
-    """Whether the scene shows it; False where another operator has control."""
-
-    drawn: bool
-
-
 @router.post("/api/scene/plan")
-def show_plan(shown: PlanShown, session: NeedsSession, parts: NeedsParts) -> PlanDrawn:
-    """Draw what a form says in the live scene, for all who look. Where an operator has control, only theirs."""
+def show_plan(shown: PlanShown, session: NeedsSession, parts: NeedsParts) -> dict[str, bool]:
+    """Draw what a form says in the live scene, for all who look. Where an operator has control, only theirs: drawn."""
     status = parts.watch.view.status
     if status is not None and status.holder not in (None, session.operator):
-        return PlanDrawn(False)  # a page that has not heard of it yet: no error of its own
+        return {"drawn": False}  # a page that has not heard of it yet: no error of its own
     parts.scenes.plans.set(None if shown.object is None else plan_of(parts, shown, shown.object))
-    return PlanDrawn(True)
+    return {"drawn": True}
 
 
 @router.post("/api/scene/ghost/end")

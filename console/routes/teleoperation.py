@@ -4,9 +4,9 @@ A message may hold any of: clutch (true holds it, and is its sign of life; false
 out of sight), grip (a mouse button is down in the scene: a drag of a gizmo holds the clutch), coupling, handles
 (whether the gizmos move or turn), speed_m_s, stiffness_n_m, lead (the hands back to before the last drag, or upright),
 and for each arm a pose (position m, wxyz), the pose of a hand that leads it (hands: from wherever it was when the
-clutch began to be held; null leads nothing), or a deflection (-1..1 along and about the world's axes). A clutch that is
-held has to be said again, as the page does every 50 ms: the robot process stops the arms when CLUTCH_S
-(rtstack.loop.watchdogs) have passed without.
+clutch began to be held; null leads nothing), or a deflection (-1..1 along and about the world's axes). A cell with one
+arm takes what is of this arm alone, and no coupling but `separate`. A clutch that is held has to be said again, as the
+page does every 50 ms: the robot process stops the arms when CLUTCH_S (rtstack.loop.watchdogs) have passed without.
 
 Whatever holds the clutch or moves a hand carries a stamp: who sent it, its sequence, when it was made, which picture
 (`number` of the live view, `picture` of an answer) it answers and when that was seen. One that is older than 100 ms or
@@ -28,12 +28,15 @@ from pydantic.dataclasses import dataclass as checked
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.routes.control import report_stop
 from console.routes.problems import problems
-from console.teleoperation.devices import Placed
+from console.routes.sockets import SIGNED_OUT
+from console.teleoperation.devices import OfArms, Placed
 from console.teleoperation.pair import Coupling
 from console.teleoperation.teleop_view import Handles, Lead, TeleopView
+from hal.base.arrays import Array
 from rtstack.live.client import RobotRefused
-from rtstack.loop.target import Release
-from rtstack.messages import MESSAGE, StrictBool, StrictFloat
+from rtstack.loop.mailbox import Release
+from rtstack.messages import MESSAGE, StrictBool, StrictFloat, problem
+from rtstack.samples import SIDES
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M
 from rtstack.teleoperation.stamp import Stamp
 
@@ -45,7 +48,10 @@ _Deflection = Annotated[list[Annotated[StrictFloat, Field(ge=-1.0, le=1.0)]], Fi
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class PadPoses:
-    """A pose for each arm, or for one of them: position, m, and quaternion wxyz, both in the world (7 numbers)."""
+    """A pose for each arm, or for one of them: position, m, and quaternion wxyz, both in the world (7 numbers).
+
+    A cell of one arm takes this arm's alone.
+    """
 
     left: _Pose | None = None
     right: _Pose | None = None
@@ -53,7 +59,10 @@ class PadPoses:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class Deflections:
-    """A deflection for each arm, or for one: along and about the world's axes, -1 to 1 of the speed (6 numbers)."""
+    """A deflection for each arm, or for one: along and about the world's axes, -1 to 1 of the speed (6 numbers).
+
+    A cell of one arm takes this arm's alone.
+    """
 
     left: _Deflection | None = None
     right: _Deflection | None = None
@@ -128,8 +137,7 @@ async def stream(websocket: WebSocket) -> None:
                 answer["sent"] = message.sent
                 _act(parts, operator, message, came_ns)
             except ValidationError as error:
-                first = error.errors(include_url=False, include_input=False)[0]
-                answer["error"] = f"{'.'.join(str(part) for part in first['loc']) or 'message'}: {first['msg']}"
+                answer["error"] = problem(error, "message")
             except RobotRefused as refused:
                 answer["error"] = str(refused)
             await websocket.send_json(answer | asdict(parts.teleop.view))
@@ -140,7 +148,7 @@ async def stream(websocket: WebSocket) -> None:
         listening.cancel()
         parts.teleop.release(operator, Release.LOST)
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        await websocket.close(1008, "not signed in any more")
+        await websocket.close(*SIGNED_OUT)
 
 
 async def _listen(websocket: WebSocket, parts: Parts, waiting: asyncio.Queue[tuple[str, int] | None]) -> None:
@@ -175,6 +183,9 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     motions = (message.pose, message.hands, message.lead, message.deflection)
     if not (message.clutch or message.grip or any(motion is not None for motion in motions)):
         return
+    pose, hands, deflection = (
+        _of_arms(parts, said) for said in (message.pose, message.hands, message.deflection)
+    )  # refused before anything else is done with it
     admission = teleop.admit(operator, message.stamp, came_ns)
     if not admission.alive:
         return
@@ -184,27 +195,33 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
         teleop.grip(operator, admission.latest_ns)
     if admission.drop is not None:
         return
-    if message.pose is not None:
-        teleop.move(operator, Placed(_array(message.pose.left), _array(message.pose.right)))
-    if message.hands is not None:
-        teleop.track(operator, (_unit(message.hands.left), _unit(message.hands.right)))
+    if pose is not None:
+        teleop.move(operator, Placed(pose))
+    if hands is not None:
+        teleop.track(operator, [_unit(hand) for hand in hands])
     if message.lead is not None:
         teleop.lead(operator, message.lead)
-    if message.deflection is not None:
-        teleop.jog(operator, _array(message.deflection.left), _array(message.deflection.right))
+    if deflection is not None:
+        teleop.jog(operator, deflection)
 
 
-def _unit(values: list[float] | None) -> Any:
-    """Return a pose with a quaternion of length one. Raises RobotRefused where it has none."""
-    if values is None:
+def _of_arms(parts: Parts, said: PadPoses | Deflections | None) -> OfArms | None:
+    """Return what is said of each arm of the cell. Raises RobotRefused where something is said of one that it lacks."""
+    if said is None:
         return None
-    pose = np.array(values)
+    values = {side: getattr(said, side) for side in SIDES}
+    for side in SIDES:
+        if side not in parts.cell.sides and values[side] is not None:
+            raise RobotRefused(f"the cell {parts.cell.name} has no {side} arm: leave `{side}` out")
+    return [None if values[side] is None else np.array(values[side]) for side in parts.cell.sides]
+
+
+def _unit(pose: Array | None) -> Array | None:
+    """Return a pose with a quaternion of length one. Raises RobotRefused where it has none."""
+    if pose is None:
+        return None
     length = float(np.linalg.norm(pose[3:]))
     if length < _LEAST_QUATERNION:
         raise RobotRefused("a hand's orientation is no rotation")
     pose[3:] /= length
     return pose
-
-
-def _array(values: list[float] | None) -> Any:
-    return None if values is None else np.array(values)

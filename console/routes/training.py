@@ -8,13 +8,12 @@ from fastapi.exceptions import HTTPException
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from console.parts import NeedsParts, NeedsSession
+from console.parts import NeedsParts, NeedsSession, takes_two_arms
 from console.routes.jobs import start_job
 from console.routes.problems import problems
-from console.training.exercises import EXERCISES
-from console.training.trainer import SURPRISE, ExerciseView
-from rtstack.live.protocol import ObjectName
+from console.training.trainer import EXERCISES, SURPRISE, ExerciseView
 from rtstack.messages import MESSAGE
+from rtstack.trials.specification import DemonstrationSpecification, ObjectName
 
 router = APIRouter(prefix="/api/training", tags=["training"], responses=problems(409))
 
@@ -41,12 +40,13 @@ def training(parts: NeedsParts) -> TrainingView:
     return TrainingView({exercise.name: exercise.words for exercise in EXERCISES}, parts.trainer.view)
 
 
-@router.post("", status_code=202, responses=problems(503))
+@router.post("", status_code=202, responses=problems(503), dependencies=[takes_two_arms("a training")])
 def begin(order: ExerciseOrder, session: NeedsSession, parts: NeedsParts) -> TrainingView:
     """Start a scripted demonstration in which the fault comes at a random moment. Only on simulated arms."""
     if not parts.cell.simulated:
         raise HTTPException(409, "these arms are real: faults are scripted on simulated ones only")
-    exercise, at_s, request = parts.trainer.request(order.fault, order.object, session.operator)
-    status = start_job(parts, request)
+    exercise, at_s = parts.trainer.choose(order.fault)
+    asked = DemonstrationSpecification(object=order.object)
+    status = start_job(parts, asked, session, exercise.faults(at_s))
     parts.trainer.follow(exercise, at_s, status, order.fault == SURPRISE)
     return training(parts)

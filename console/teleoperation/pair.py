@@ -1,11 +1,11 @@
-"""Poses of both hands, (2, 7) of (left, right): position m, quaternion wxyz, in the world. How one leads the other."""
+"""Poses of the hands, (arms, 7): position m, quaternion wxyz, in the world. How one leads the other."""
 
 from enum import StrEnum
 
 import numpy as np
 
 from console.teleoperation.quaternion import product, rotated
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # the plane between the arms is y = 0
 
@@ -19,7 +19,10 @@ class Coupling(StrEnum):
 
 
 def led(poses: Array, side: int, shift: Array, turn: Array, coupling: Coupling) -> Array:
-    """Return the poses after the hand `side` was shifted by (3,), m, and turned by a quaternion, in the world."""
+    """Return the poses after the hand `side` was shifted by (3,), m, and turned by a quaternion, in the world.
+
+    side: its place in the arrays; a coupling other than SEPARATE is of two hands.
+    """
     moved = poses.copy()
     match coupling:
         case Coupling.SEPARATE:

@@ -5,7 +5,7 @@ from itertools import product as product_of
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.model.rotation import quaternion_from_rotation
 
 

@@ -7,37 +7,25 @@ again. May be called from any thread.
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 
-from console.teleoperation.devices import Deflected, Device, Led
+from console.live.watch import Watch
+from console.teleoperation.devices import Deflected, Device, Grips, Led, OfArms
 from console.teleoperation.gate import OLDEST_COMMAND_S, Admission, Drop, Gate
-from console.teleoperation.grips import Grips
-from console.teleoperation.latency import Latency
 from console.teleoperation.pair import Coupling
-from console.teleoperation.policy_lease import PolicyLease
 from console.teleoperation.quaternion import angle_between, squared
-from console.teleoperation.teleop_view import Handles, Lead, TeleopView
-from console.watch import Watch
-from hal.arrays import Array
+from console.teleoperation.teleop_view import Handles, Latency, Lead, TeleopView
+from hal.base.arrays import Array
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Job, JobKind, JobState
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Release
+from rtstack.loop.mailbox import TARGET, Mailbox, Release
 from rtstack.loop.watchdogs import CLUTCH_S
-from rtstack.teleoperation.reach import (
-    AHEAD_M,
-    AHEAD_RAD,
-    FASTEST_M_S,
-    HARDEST_N_M,
-    SLOWEST_M_S,
-    SOFTEST_N_M,
-    SPEED_M_S,
-    STIFFNESS_N_M,
-    TURN_RAD_M,
-)
+from rtstack.samples import SIDES
+from rtstack.teleoperation import reach
 from rtstack.teleoperation.stamp import Stamp
 
 TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
@@ -46,7 +34,7 @@ BEAT_S = 0.05  # between two signs of life of a page
 
 
 class TeleopInput:
-    """The input for both arms."""
+    """The input for the arms of a cell, one or two."""
 
     def __init__(self, mailbox: Mailbox, watch: Watch, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._lock = threading.RLock()
@@ -54,6 +42,9 @@ class TeleopInput:
         self._watch = watch
         self._clock = clock
         self._target = np.zeros(1, TARGET)
+        self._target["pose"] = np.nan  # what stays in the row of an arm that is not there
+        first = SIDES.index(watch.sides[0])
+        self._rows = slice(first, first + len(watch.sides))  # of the arms that are there
         self._by: str | None = None  # who holds the clutch
         self._asked: Array | None = None
         self._grips = Grips()
@@ -64,10 +55,12 @@ class TeleopInput:
         self._of_job: int | None = None
         self._jogged_ns = 0
         self._coupling = Coupling.SEPARATE
-        self._speed = SPEED_M_S
-        self._stiffness = STIFFNESS_N_M
+        self._speed = reach.SPEED_M_S
+        self._stiffness = reach.STIFFNESS_N_M
         self._refusal: str | None = None
-        self._lease = PolicyLease()
+        self._policy: str | None = None  # who leads while the clutch is not held
+        self._leases = 0  # given since the console began
+        self._connected = Counter[str]()  # how many connections each policy has
         self._gate = Gate()
         self._admitted: Admission | None = None  # the last one that was a sign of life
         self._admitted_ns = 0
@@ -83,7 +76,7 @@ class TeleopInput:
                 self._by is not None, self._coupling, self._speed, self._stiffness, self._late or self._refusal,
                 self._handles, len(self._grips.drags), tuple(self._gate.dropped), self._latency.view(),
                 self._watch.view.number,
-                self._lease.policy, self._lease.policies,
+                self._policy, tuple(sorted(+self._connected)),
             )  # fmt: skip
 
     @property
@@ -92,7 +85,7 @@ class TeleopInput:
         return self._job(JobKind.TELEOPERATION) is not None
 
     def asked(self) -> Array | None:
-        """Return what is asked for, (2, 7); while the clutch is not held the last command of the arms; None before."""
+        """Return what is asked for, (arms, 7); while the clutch is not held the arms' last command; None before."""
         with self._lock:
             self._notice()
             return self._asked if self._by is not None else self._watch.command()
@@ -105,16 +98,23 @@ class TeleopInput:
         self, operator: str, coupling: Coupling | None = None, speed_m_s: float | None = None,
         stiffness_n_m: float | None = None, handles: Handles | None = None,
     ) -> None:  # fmt: skip
-        """Set how the arms follow, and what the gizmos do. Raises RobotRefused unless the operator is the holder."""
+        """Set how the arms follow, and what the gizmos do.
+
+        Raises RobotRefused unless the operator is the holder, and for a coupling of two arms where there is one.
+        """
         with self._lock:
             self._check_holder(operator)
+            if len(self._watch.sides) == 1 and coupling not in (None, Coupling.SEPARATE):
+                raise RobotRefused(
+                    f"coupling {coupling} takes two arms, and the cell has one: leave it {Coupling.SEPARATE}"
+                )
             self._coupling = coupling or self._coupling
             self._handles = handles or self._handles
             if speed_m_s is not None:
-                self._speed = float(np.clip(speed_m_s, SLOWEST_M_S, FASTEST_M_S))
+                self._speed = float(np.clip(speed_m_s, reach.SLOWEST_M_S, reach.FASTEST_M_S))
             if stiffness_n_m is not None:
-                self._stiffness = float(np.clip(stiffness_n_m, SOFTEST_N_M, HARDEST_N_M))
-            if self._by is not None or self._lease.policy is not None:
+                self._stiffness = float(np.clip(stiffness_n_m, reach.SOFTEST_N_M, reach.HARDEST_N_M))
+            if self._by is not None or self._policy is not None:
                 self._grips.let_go()  # what is dragged goes on from here, in the new way
                 self._write()
 
@@ -157,7 +157,7 @@ class TeleopInput:
                 self._by_grip, self._goal = False, None
                 self._grips.let_go()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
-                self._target["policy"] = self._lease.give(None)
+                self._target["policy"] = self._give(None)
             self._target["job"] = job.number
             now_ns = self._clock()
             self._target["clutch_ns"] = now_ns if made_ns is None else min(made_ns, now_ns)
@@ -200,7 +200,7 @@ class TeleopInput:
             job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)
             if job is None:
                 raise RobotRefused("neither a teleoperation nor a playback runs")
-            self._by = self._lease.policy = None
+            self._by = self._policy = None
             self._target["job"], self._target["clutch_ns"], self._target["finish"] = job.number, 0, 1
             self._write()
 
@@ -218,39 +218,43 @@ class TeleopInput:
             self._grips.let_go()
             target = self._target
             target["job"], target["clutch_ns"], target["finish"], target["release"] = job.number, 0, 0, Release.NOT_YET
-            target["policy"] = self._lease.give(policy)
+            target["policy"] = self._give(policy)
             self._write()
 
     def policy_connected(self, policy: str, by: int = 1) -> None:
         """Note that a policy has one more connection, or with -1 one less."""
         with self._lock:
-            self._lease.connected(policy, by)
+            self._connected[policy] += by
 
     def end_lease(self, policy: str) -> None:
         """End the lease of a policy that has gone or is done: the arms hold. Does nothing where it has none."""
         with self._lock:
-            if self._lease.policy == policy:
-                self._target["policy"] = self._lease.give(None)
+            if self._policy == policy:
+                self._target["policy"] = self._give(None)
                 self._write()
 
     def lease(self, policy: str) -> tuple[int, int] | None:
         """Return the job and the number of the lease that this policy has, None where it has none."""
         with self._lock:
             self._notice()
-            if self._lease.policy is None or self._lease.policy != policy:
+            if self._policy is None or self._policy != policy:
                 return None
             return int(self._target["job"][0]), int(self._target["policy"][0])
+
+    def _give(self, policy: str | None) -> int:
+        """Give a policy the lease, None for none; return its number, 0 for none."""
+        self._policy = policy
+        self._leases += policy is not None
+        return 0 if policy is None else self._leases
 
     def move(self, operator: str, device: Device) -> None:
         """Ask for what a device says. Raises RobotRefused unless this operator holds the clutch."""
         with self._lock:
-            self._notice()
-            if self._by != operator or self._asked is None:
-                raise RobotRefused("hold the clutch: nothing moves without it")
+            self._held_request(operator)
             self._ask(device)
 
-    def track(self, operator: str, hands: tuple[Array | None, Array | None]) -> None:
-        """Let each pad go as the hand that leads it, (7,) in the world's axes; None: it leads nothing.
+    def track(self, operator: str, hands: OfArms) -> None:
+        """Let each arm's pad go as the hand that leads it, (7,) in the world's axes; None: it leads nothing.
 
         Raises RobotRefused as `move` does.
         """
@@ -258,35 +262,49 @@ class TeleopInput:
             self._notice()
             self.move(operator, self._grips.track(hands, self._asked))
 
-    def jog(self, operator: str, left: Array | None, right: Array | None) -> None:
-        """Ask for what keys or sticks say, for the time since they last did. Raises RobotRefused as `move` does."""
-        now_ns = self._clock()
-        elapsed_s, self._jogged_ns = (now_ns - self._jogged_ns) * 1e-9, now_ns
-        self.move(operator, Deflected(left, right, elapsed_s, self._speed, TURN_RAD_M * self._speed))
+    def jog(self, operator: str, deflections: OfArms) -> None:
+        """Ask for what keys or sticks say of each arm, (6,), for the time since they last did.
+
+        Raises RobotRefused as `move` does.
+        """
+        self.move(operator, Deflected(deflections, self._elapsed_s(), self._speed, reach.TURN_RAD_M * self._speed))
 
     def lead(self, operator: str, lead: Lead) -> None:
         """Lead the hands, for the time since this was last said. Raises RobotRefused as `move` does, and where there is
         nothing to undo.
         """
-        now_ns = self._clock()
-        elapsed_s, self._jogged_ns = (now_ns - self._jogged_ns) * 1e-9, now_ns
+        elapsed_s = self._elapsed_s()
         with self._lock:
-            self._notice()
-            if self._by != operator or self._asked is None:
-                raise RobotRefused("hold the clutch: nothing moves without it")
+            asked = self._held_request(operator)
             if self._goal is None or self._goal[0] is not lead:
                 drags = self._grips.drags
                 if lead is Lead.UNDO and not drags:
                     raise RobotRefused("no drag of this teleoperation is left to be undone")
-                goal = drags.pop() if lead is Lead.UNDO else self._asked.copy()
+                goal = drags.pop() if lead is Lead.UNDO else asked.copy()
                 if lead is Lead.STRAIGHTEN:
                     for pose in goal:
                         pose[3:] = squared(pose[3:])
                 self._goal = lead, goal
-            self._ask(Led(self._goal[1], elapsed_s, self._speed, TURN_RAD_M * self._speed))
+            self._ask(Led(self._goal[1], elapsed_s, self._speed, reach.TURN_RAD_M * self._speed))
+
+    def _held_request(self, operator: str) -> Array:
+        """Return what is asked for. Raises RobotRefused unless this operator holds the clutch."""
+        self._notice()
+        if self._by != operator or self._asked is None:
+            raise RobotRefused("hold the clutch: nothing moves without it")
+        return self._asked
+
+    def _elapsed_s(self) -> float:
+        """Return the time since the last call, s."""
+        now_ns = self._clock()
+        elapsed_s, self._jogged_ns = (now_ns - self._jogged_ns) * 1e-9, now_ns
+        return elapsed_s
 
     def drag(self, side: int, grip: Array, phase: str) -> None:
-        """Take a gizmo's pose (7,). Only the holder's messages get as far as this (console.scene_gate)."""
+        """Take a gizmo's pose (7,). side: its arm's place in the arrays.
+
+        Only the holder's messages get as far as this (console.routes.scene).
+        """
         with self._lock:
             self._notice()
             if phase == "end":
@@ -339,13 +357,13 @@ class TeleopInput:
         if command is None:
             return "the arms have not said yet where they are"
         for want, now in zip(asked, command, strict=True):
-            if np.linalg.norm(want[:3] - now[:3]) > AHEAD_M or angle_between(want[3:], now[3:]) > AHEAD_RAD:
+            if np.linalg.norm(want[:3] - now[:3]) > reach.AHEAD_M or angle_between(want[3:], now[3:]) > reach.AHEAD_RAD:
                 return TOO_FAR
         return None
 
     def _write(self) -> None:
         if self._asked is not None:
-            self._target["pose"][0] = self._asked
+            self._target["pose"][0, self._rows] = self._asked
         self._target["speed"], self._target["stiffness"] = self._speed, self._stiffness
         self._mailbox.write_target(self._target)
 
@@ -358,7 +376,7 @@ class TeleopInput:
         job = self._job()
         number = None if job is None else job.number
         if number != self._of_job:  # what was dragged before is another teleoperation's
-            self._of_job, self._refusal, self._lease.policy = number, None, None
+            self._of_job, self._refusal, self._policy = number, None, None
             self._grips.drags.clear()
             self._late = None
             self._gate.forget()

@@ -6,17 +6,75 @@ import time
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from console.remedies import remedy_of
-from console.training.exercises import EXERCISES, Action, Exercise
-from console.watch import EventView, Watch
+from console.live.remedies import remedy_of
+from console.live.watch import EventView, Watch
 from rtstack.live.client import RobotRefused
-from rtstack.live.protocol import DemonstrationRequest, Status
+from rtstack.live.protocol import Status
+
+
+class Action(StrEnum):
+    """What an operator can do about a fault."""
+
+    STOP = "stop"  # nothing else stops the arms
+    RECOVER = "recover"  # they have stopped by themselves
+    GO_ON = "go on"  # it is none
+
+
+@dataclass(frozen=True, slots=True)
+class Exercise:
+    """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is
+    about that says more, empty for none.
+    """
+
+    name: str
+    words: str
+    script: str
+    action: Action
+    todo: str
+    row: str
+
+    def faults(self, at_s: float) -> str:
+        """Return the text of a faults file in which it comes at_s after the first motion."""
+        return f"[[fault]]\nat_s = {at_s:.3f}\n{self.script}\n"
+
+
+_STOPPED = "stop requested by the operator"
+EXERCISES = (
+    Exercise(
+        "joint_reflex", "an arm stops by a reflex", 'kind = "reflex"\narm = "right"\nerror = "joint_reflex"',
+        Action.RECOVER, "Look for what was hit, free the arm, then Recover and Arm.", "joint_reflex",
+    ),
+    Exercise(
+        "user_stop", "the external activation device is pressed", 'kind = "user_stop"\narm = "left"\nduration_s = 3.0',
+        Action.RECOVER, "Ask who pressed it and why; once it is released: Recover and Arm.",
+        "the robot left torque control",
+    ),
+    Exercise(
+        "state_nan", "an arm reports values that are no numbers",
+        'kind = "state_nan"\narm = "left"\nfield = "dq"\nduration_s = 0.2',
+        Action.RECOVER, "The judge has stopped both arms: Recover, and report it with the log.",
+        "a value of the state or the desired torque is not finite",
+    ),
+    Exercise(
+        "object_lost", "the object falls out of the cell", 'kind = "object_lost"',
+        Action.STOP, "Press STOP: the arms go on around nothing. Put the object back.", _STOPPED,
+    ),
+    Exercise(
+        "slip", "the object slips out of a pad", 'kind = "slip"\narm = "both"\nfriction_factor = 0.02',
+        Action.STOP, "Press STOP before it falls further; then clean the pads, or press harder.", _STOPPED,
+    ),
+    Exercise(
+        "tracker_lost", "the cameras lose the object for a second", 'kind = "tracker_lost"\nduration_s = 1.0',
+        Action.GO_ON, "Nothing: the arms do not follow the cameras. Do not stop a good trial.", "",
+    ),
+)  # fmt: skip
+
 
 SURPRISE = "surprise"
 EARLIEST_S, LATEST_S = 1.2, 3.6  # of the scripted demonstration, which lasts 5 s: on the way, at the impact, in the air
 PATIENCE_S = 30.0  # after the fault: what is done later counts for nothing
 _LOOK_S = 0.02
-_DONE = {"pressed STOP": Action.STOP, "disarmed both arms": Action.STOP, "asked for a recovery": Action.RECOVER}
+_DONE = {"pressed STOP": Action.STOP, "disarmed the cell": Action.STOP, "asked for a recovery": Action.RECOVER}
 
 
 class Stage(StrEnum):
@@ -55,14 +113,14 @@ class Trainer:
         self._ending = threading.Event()
         self.view: ExerciseView | None = None
 
-    def request(self, name: str, object_name: str, operator: str) -> tuple[Exercise, float, DemonstrationRequest]:
-        """Choose fault and moment, and return the order. Raises RobotRefused for a name that no exercise has."""
+    def choose(self, name: str) -> tuple[Exercise, float]:
+        """Choose fault and moment. Raises RobotRefused for a name that no exercise has."""
         known = {exercise.name: exercise for exercise in EXERCISES}
         if name != SURPRISE and name not in known:
             raise RobotRefused(f"no exercise {name!r}; there are {', '.join(known)} and {SURPRISE}")
         exercise = self._chance.choice(EXERCISES) if name == SURPRISE else known[name]
         at_s = self._chance.uniform(EARLIEST_S, LATEST_S)
-        return exercise, at_s, DemonstrationRequest(object_name, faults=exercise.faults(at_s), operator=operator)
+        return exercise, at_s
 
     def follow(self, exercise: Exercise, at_s: float, status: Status, surprise: bool) -> None:
         """Watch an exercise whose job was just ordered."""
@@ -88,7 +146,7 @@ class Trainer:
             seen = True
             now_s = self._watch.robot_time_s()
             # what is seen first may be the last state of the job before, on its clock
-            if (began_s is None and self._watch.view.left.mode == "TELEOPERATION") or (began_s or 0.0) > now_s:
+            if (began_s is None and self._watch.view.arms[0].mode == "TELEOPERATION") or (began_s or 0.0) > now_s:
                 began_s = now_s
             if fault_s is None and began_s is not None and now_s - began_s >= at_s:
                 fault_s = time.time()

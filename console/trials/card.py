@@ -9,13 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
 
-from console.log_rows import Ending, LogRow, NoReference, log_row, reference_of, specification_of
-from console.queue.entry import TrialOrder
-from console.trials.impact import Impact, Impacts, thinned
+from console.orders import TrialOrder
+from console.refused import Refused
+from console.trials.impact import Impact, impact_of, thinned
 from hal.displacement import Displacement
-from rtstack.log.catalogue import Catalogue, LogEntry
 from rtstack.log.errors import LogError
-from rtstack.samples import Reaction
+from rtstack.log_folder.catalogue import Catalogue, LogEntry
+from rtstack.log_folder.log_rows import Ending, LogRow, NoReference, log_row, reference_of
+from rtstack.samples import LawInertia
+from rtstack.trials.errors import TrialError
+from rtstack.trials.specification import TrialSpecification, like, specification_of
 
 TRIAL = "trial"
 COMPARED = 10
@@ -39,11 +42,11 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class TrialCard:
-    """What a trial ends in. what: was asked, in words; sentence: why it ended so.
+    """The card of a trial. what: the order in words; sentence: how it ended and why.
 
-    compared: how many earlier trials with this object the numbers stand beside, at most ten; before: the id of the
-    newest trial before it, of any object. again: the order that it was, None where its reference cannot be followed any
-    more, for this `refusal`.
+    compared: number of earlier trials with this object that the numbers are compared with, at most ten; before: id of
+    the newest earlier trial of any object. again: the order, for a repetition; None if its reference can no longer be
+    followed, with the reason in `refusal`.
     """
 
     row: LogRow
@@ -79,23 +82,19 @@ _NUMBERS: tuple[tuple[str, str, str, _Value], ...] = (
 )  # fmt: skip
 
 
-class NoTrial(Exception):
-    """There is no trial of this id. The message is one line."""
-
-
-def trial_card(catalogue: Catalogue, impacts: Impacts, log_id: str) -> TrialCard:
-    """Return the card of a trial. Raises NoTrial, LogError."""
+def trial_card(catalogue: Catalogue, log_id: str) -> TrialCard:
+    """Return the card of a trial. Raises Refused, LogError."""
     entries = catalogue.entries()
     entry = next((each for each in entries if each.id == log_id), None)
     if entry is None or entry.kind != TRIAL:
-        raise NoTrial("there is no such trial; look at the list of logs again")
+        raise Refused(404, "there is no such trial; look at the list of logs again")
     row = log_row(entry, None)
     earlier = [each for each in entries if each.kind == TRIAL and each.modified_s < entry.modified_s]
     alike = [(each, log_row(each, None)) for each in earlier]
     alike = [(each, its) for each, its in alike if its.object == row.object and its.success is not None][:COMPARED]
-    impact = impacts.of(entry)
-    known = [(its, impacts.of(each)) for each, its in alike]
-    again, refusal = _again(catalogue, entry, row)
+    impact = impact_of(entry)
+    known = [(its, impact_of(each)) for each, its in alike]
+    again, refusal = _again(catalogue, entry)
     return TrialCard(
         row=row,
         ending=row.ending,
@@ -124,7 +123,8 @@ def _number(
 def _what(row: LogRow) -> str:
     place = Displacement.given(row.displacement_mm or 0.0, row.displacement_x_mm or 0.0, row.yaw_deg or 0.0).in_words
     plain = [(text or "").replace("_", " ") for text in (row.controller, row.object)]
-    return f"{', '.join(plain)}, {place}, seed {row.seed}"
+    law = f", law with {row.law_inertia}" if row.law_inertia == LawInertia.LINKS else ""
+    return f"{', '.join(plain)}, {place}, seed {row.seed}{law}"
 
 
 def _sentence(row: LogRow, impact: Impact | None) -> str:
@@ -141,26 +141,19 @@ def _sentence(row: LogRow, impact: Impact | None) -> str:
     return " ".join(parts)
 
 
-def _again(catalogue: Catalogue, entry: LogEntry, row: LogRow) -> tuple[TrialOrder | None, str | None]:
+def _again(catalogue: Catalogue, entry: LogEntry) -> tuple[TrialOrder | None, str | None]:
     """Return the order of a trial, or why it cannot be given again. Its reference is known by its file's name."""
-    asked = specification_of(entry)
-    name = Path(str(asked.get("reference", ""))).name
+    try:
+        asked = specification_of(entry.trial or {})
+    except TrialError as error:
+        return None, str(error)
+    assert isinstance(asked, TrialSpecification)  # as the kind of its log
+    name = Path(asked.reference).name
     found = next((each for each in catalogue.entries() if each.path.name == name), None)
     if found is None:
         return None, f"its reference {name} is not among the logs"
     try:
         reference_of(catalogue, found.id)
-        reaction = Reaction(str(asked.get("reaction", Reaction.CONTINUE)))
-        order = TrialOrder(
-            reference=found.id,
-            object=row.object or "",
-            controller=row.controller or "",
-            displacement_mm=row.displacement_mm or 0.0,
-            displacement_x_mm=row.displacement_x_mm or 0.0,
-            yaw_deg=row.yaw_deg or 0.0,
-            seed=row.seed or 0,
-            reaction=reaction,
-        )
-    except (NoReference, LogError, ValueError) as error:
-        return None, f"its reference {name}: {str(error).splitlines()[0]}"
-    return order, None
+    except (NoReference, LogError) as error:
+        return None, f"its reference {name}: {error}"
+    return like(TrialOrder, asked, reference=found.id, safety=()), None

@@ -4,18 +4,18 @@ Only the chunks of these 300 ms are read, so that a card is there at once; what 
 """
 
 import tomllib
-from collections import OrderedDict
 from dataclasses import dataclass, replace
-from threading import Lock
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
-from hal.configuration import ConfigurationError, from_document
-from rtstack.log.catalogue import LogCondition, LogEntry
+from hal.base.arrays import Array
+from hal.base.configuration import ConfigurationError, from_document
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.log_folder.catalogue import LogCondition, LogEntry
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.samples import Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS
@@ -48,34 +48,24 @@ class Impact:
     error_mm: float | None
 
 
-class Impacts:
-    """The impacts of the logs that were asked for. May be used from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._known: OrderedDict[tuple[str, int, float], Impact | None] = OrderedDict()
-
-    def of(self, entry: LogEntry) -> Impact | None:
-        """Return a trial's impact, None where its log has none, or cannot be read."""
-        key = (entry.id, entry.size_bytes, entry.modified_s)
-        with self._lock:
-            if key in self._known:
-                self._known.move_to_end(key)
-                return self._known[key]
-        try:
-            impact = impact_of(entry) if entry.condition is LogCondition.COMPLETE else None
-        except (LogError, OSError, ValueError):
-            impact = None
-        with self._lock:
-            self._known[key] = impact
-            while len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
-        return impact
-
-
 def impact_of(entry: LogEntry) -> Impact | None:
+    """Return a trial's impact, None where its log has none, or cannot be read."""
+    if entry.condition is not LogCondition.COMPLETE:
+        return None
+    return _impact(entry.path, entry.size_bytes, entry.modified_s)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _impact(path: Path, _size_bytes: int, _modified_s: float) -> Impact | None:
+    try:
+        return read_impact(path)
+    except (LogError, OSError, ValueError):
+        return None
+
+
+def read_impact(path: Path) -> Impact | None:
     """Read the impact of a trial. Raises LogError, ValueError for a log that is not as ours are."""
-    log = read_log(entry.path)
+    log = read_log(path)
     first_ns = log.first_ns(ARM_TOPICS[0])
     result, trial = log.metadata.get("result", {}), log.metadata.get("trial", {})
     if first_ns is None or "nominal_impact_s" not in trial:
@@ -121,7 +111,7 @@ def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | 
     except (ConfigurationError, tomllib.TOMLDecodeError):
         return None
     distances = []
-    for mounting, arm, control in zip((cell.left, cell.right), arms, controls, strict=True):
+    for mounting, arm, control in zip(cell.arms, arms, controls, strict=True):
         frame = base_frame(mounting)
         place = arm["O_T_EE"][:, :3, 3] @ frame.rotation.T + frame.translation
         distances.append(np.linalg.norm(place - control["pose_ref"][:, :3], axis=1))

@@ -3,7 +3,7 @@
 import difflib
 from dataclasses import dataclass
 
-Bytes = bytes | None
+from deploy.host.machine import HostSetupError, Machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,11 +15,16 @@ class File:
     why: str
     mode: int = 0o644
 
-    def shown(self, before: Bytes) -> str:
-        """Return the change as a unified diff against the present content, None where there is no file."""
-        old = [] if before is None else before.decode(errors="replace").splitlines(keepends=True)
-        source = "/dev/null" if before is None else self.path
-        return "".join(difflib.unified_diff(old, self.content.splitlines(keepends=True), source, self.path))
+    def shown(self, machine: Machine) -> str:
+        """Return the change as a unified diff against the present content. Raises HostSetupError."""
+        try:
+            before, source = machine.at(self.path).read_bytes().decode(errors="replace"), self.path
+        except FileNotFoundError:
+            before, source = "", "/dev/null"
+        except OSError as error:
+            raise HostSetupError(f"{self.path}: {error.strerror}; run it as root") from None
+        old, new = before.splitlines(keepends=True), self.content.splitlines(keepends=True)
+        return "".join(difflib.unified_diff(old, new, source, self.path))
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +35,9 @@ class Knob:
     value: str
     why: str
 
-    def shown(self, before: Bytes) -> str:
+    def shown(self, machine: Machine) -> str:
         """Return the change in one line."""
-        was = "" if before is None else before.decode(errors="replace").strip()
-        return f"{self.path}: {was} -> {self.value}\n"
+        return f"{self.path}: {machine.text(self.path)} -> {self.value}\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +48,7 @@ class Command:
     undo: tuple[str, ...]
     why: str
 
-    def shown(self) -> str:
+    def shown(self, machine: Machine) -> str:
         """Return both in one line each."""
         lines = [f"$ {' '.join(self.do)}\n"] if self.do else []
         return "".join(lines + ([f"  --undo: {' '.join(self.undo)}\n"] if self.undo else []))

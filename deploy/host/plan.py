@@ -9,9 +9,9 @@ from deploy.host.machine import HostSetupError, Machine, cpu_list, cpu_text
 
 ACCOUNT = "rtstack"  # the user and the group of the stack
 # of the threads of the arms' interrupts on a PREEMPT_RT kernel, by default 50 there: above the loop's 70 and what runs
-# beside it at 60 (hal/realtime.py), which they feed, below a simulated robot's 80
+# beside it at 60 (hal/base/realtime.py), which they feed, below a simulated robot's 80
 IRQ_PRIORITY = 75
-# above the loop's 70 and a simulated robot's 80 (hal/realtime.py), below the kernel's own threads at 99
+# above the loop's 70 and a simulated robot's 80 (hal/base/realtime.py), below the kernel's own threads at 99
 PRIORITY = 90
 MTU = 1500  # what the arm's control box speaks: larger frames do not arrive
 LIMITS = "/etc/security/limits.d/90-rtstack.conf"
@@ -129,7 +129,8 @@ def _kernel(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
     if wishes.kernel == "generic":
         notes.append(GENERIC_COST)
         return []
-    distribution = _distribution(machine)
+    found = re.search(r"^ID=\"?([a-z]+)", machine.text("/etc/os-release"), re.MULTILINE)
+    distribution = found[1] if found else ""
     package = _KERNEL.get(distribution)
     if distribution == "ubuntu":
         notes.append(
@@ -164,14 +165,9 @@ def _isolation(machine: Machine, kept: list[int], isolated: list[int], generic: 
     line = f'{_OURS}GRUB_CMDLINE_LINUX_DEFAULT="$GRUB_CMDLINE_LINUX_DEFAULT {" ".join(options)}"\n'
     why = f"CPU {cpu_text(isolated)} is for the loop alone" if isolated else "a tick waits less for the kernel"
     written = _file(machine, GRUB, line, f"{why}; everything else has {cpu_text(kept)}; from the next start on")
-    if not written:
-        return []
-    notes.append("restart the machine for the kernel's command line")
-    return [
-        Command((), ("update-grub",), "the boot menu, once the file is gone"),
-        *written,
-        Command(("update-grub",), (), "the boot menu"),
-    ]
+    if written:
+        notes.append("restart the machine for the kernel's command line")
+    return _announced(written, ("update-grub",), "the boot menu", "the file is")
 
 
 def _interfaces(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
@@ -190,9 +186,7 @@ def _interfaces(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Chan
             path, text = _networkd_file(nic)
             reload, mode = ("networkctl", "reload"), 0o644
         written = _file(machine, path, text, f"{nic.name}: a fixed address, no route, MTU {MTU}", mode)
-        if written:
-            changes += [Command((), reload, "the network, once the file is gone"), *written]
-            changes.append(Command(reload, (), "the network"))
+        changes += _announced(written, reload, "the network", "the file is")
         if machine.run is not None:
             former = re.search(r"^rx-usecs:\s*(\d+)", machine.run(("ethtool", "--show-coalesce", nic.name)), re.M)
             if former and former[1] != "0":
@@ -238,9 +232,7 @@ def _boot(machine: Machine, wishes: Wishes, irq_cpu: int, isolated: list[int]) -
     )
     written = _file(machine, BOOT, script, "the same after each start", 0o755)
     written += _file(machine, UNIT, unit, "runs it")
-    if written:
-        changes += [Command((), ("systemctl", "daemon-reload"), "systemd, once the unit is gone"), *written]
-        changes.append(Command(("systemctl", "daemon-reload"), (), "systemd"))
+    changes += _announced(written, ("systemctl", "daemon-reload"), "systemd", "the unit is")
     if not machine.names("/etc/systemd/system/multi-user.target.wants/rtstack-host.service"):
         name = "rtstack-host.service"
         changes.append(Command(("systemctl", "enable", name), ("systemctl", "disable", name), "at each start"))
@@ -259,10 +251,7 @@ def _units(machine: Machine, wishes: Wishes, cpus: list[int], isolated: list[int
         written += _file(
             machine, CPUS, text, "only threads that select an isolated CPU run on it: the loop takes the last"
         )
-    if not written:
-        return []
-    reload = ("systemctl", "daemon-reload")
-    return [Command((), reload, "systemd, once they are gone"), *written, Command(reload, (), "systemd")]
+    return _announced(written, ("systemctl", "daemon-reload"), "systemd", "they are")
 
 
 def _manager_file(nic: Interface) -> tuple[str, str]:
@@ -288,6 +277,8 @@ def _file(machine: Machine, path: str, content: str, why: str, mode: int = 0o644
     return [File(path, content, why, mode)]
 
 
-def _distribution(machine: Machine) -> str:
-    found = re.search(r"^ID=\"?([a-z]+)", machine.text("/etc/os-release"), re.MULTILINE)
-    return found[1] if found else ""
+def _announced(written: list[Change], command: tuple[str, ...], reader: str, what: str) -> list[Change]:
+    """Return files, if any, with the command for their reader: after they are written, and after they are gone."""
+    if not written:
+        return []
+    return [Command((), command, f"{reader}, once {what} gone"), *written, Command(command, (), reader)]

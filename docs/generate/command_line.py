@@ -4,7 +4,7 @@ from typing import Any
 
 import typer
 
-from rtstack.cli.app import app
+from rtstack.cli.app import whole
 
 PROGRAM = "rtstack"
 
@@ -19,7 +19,7 @@ def commands() -> dict[str, Any]:
         if not hasattr(command, "commands"):
             found[words] = command
 
-    walk(typer.main.get_command(app), PROGRAM)
+    walk(whole(), PROGRAM)
     return found
 
 

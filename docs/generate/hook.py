@@ -11,6 +11,7 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 from citation import papers  # noqa: E402
 from command_line import command_line_page  # noqa: E402
 from concept_figures import concept_figures  # noqa: E402
+from departures import departures  # noqa: E402
 from example_pages import examples_page  # noqa: E402
 from fidelity import fidelity_commands, fidelity_errors, fidelity_fields, fidelity_profiles  # noqa: E402
 from http_api import http_api_page  # noqa: E402
@@ -47,6 +48,7 @@ FILLED = {
     "{{ approach_ms }}": approach_ms,
     "{{ measured_share }}": measured_share,
     "{{ decisions }}": decision_list,
+    "{{ departures }}": departures,
     "{{ papers }}": papers,
     "{{ watchdogs }}": watchdogs,
     "{{ robot_models }}": robot_models,

@@ -2,9 +2,9 @@
 
 from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
-from hal.record import Field
+from hal.base.record import Field
 from hal.topic import Topic
-from rtstack.log.schema import sample_file
+from rtstack.log.writing.encoding import sample_file
 from rtstack.topics import HOST_CLOCK_FIELDS, MESSAGES, TOPICS
 
 

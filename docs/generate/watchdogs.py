@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from hal.fci.pair import STALE_S
 from hal.limits import COLLISION_TORQUES
-from rtstack.log.mcap_writer import FLUSH_NS
 from rtstack.log.ring import CAPACITY
+from rtstack.log.writing.mcap_writer import FLUSH_NS
 from rtstack.loop.end import End
 from rtstack.loop.standstill import STOP_TICKS
 from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, FIRST_TORQUE_TICKS, OPERATOR_S, OVERRUN_TICKS

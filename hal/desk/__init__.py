@@ -5,8 +5,7 @@ The interface is that of Desk's API version 1 (system 5 and newer) as published 
 what is read is taken with care, and what is missing in an answer is "unknown".
 """
 
-from hal.desk.client import Desk, DeskError, SignIn
+from hal.desk.client import Desk, DeskError, NotTrusted, SignIn, Trust
 from hal.desk.state import DeskState
-from hal.desk.trust import NotTrusted, Trust
 
 __all__ = ["Desk", "DeskError", "DeskState", "NotTrusted", "SignIn", "Trust"]

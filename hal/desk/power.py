@@ -1,12 +1,30 @@
 """The way of one box from switched on to FCI let in, and back: the steps that a person clicks on the Desk page."""
 
+import json
 from collections.abc import Iterator
+from pathlib import Path
 
-from hal.desk.client import Desk, DeskError
-from hal.desk.keep import adopt, give_back, keep
-from hal.desk.trust import Trust
+from hal.base.files import write_whole
+from hal.desk.client import Control, Desk, DeskError, Trust
 
 _OVERDUE = "SelfTestsElapsed"
+
+
+def control_file(trust: Trust, address: str) -> Path:
+    """Return where control of the box at HOST[:PORT] is kept."""
+    return trust.folder / f"{address}.control"
+
+
+def adopt(desk: Desk, trust: Trust, address: str) -> bool:
+    """Go on with control that was kept, where it still counts. Raises DeskError, NotTrusted."""
+    try:
+        kept = json.loads(control_file(trust, address).read_text())
+        desk.control = Control(str(kept["token"]), int(kept["number"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    if not desk.has_control():
+        desk.control = None
+    return desk.control is not None
 
 
 def start(desk: Desk, trust: Trust, address: str, self_test: bool = False) -> Iterator[str]:
@@ -60,12 +78,14 @@ def stop(desk: Desk, trust: Trust, address: str, shut_down: bool = False) -> Ite
         desk.shut_down()
         yield "it shuts down: wait until the lights at its base are off, then switch the box off"
     else:
-        give_back(desk, trust, address)
+        desk.release_control()
+        control_file(trust, address).unlink(missing_ok=True)
         yield "control given back"
 
 
 def _control(desk: Desk, trust: Trust, address: str) -> Iterator[str]:
     if not (desk.has_control() or adopt(desk, trust, address)):
-        desk.take_control()
-        keep(desk, trust, address)
+        control = desk.take_control()
+        content = json.dumps({"token": control.token, "number": control.number})
+        write_whole(control_file(trust, address), content, mode=0o600)
         yield "control taken"

@@ -10,14 +10,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pylibfranka as franka
 
-from hal.arrays import Array
-from hal.collisions import CollisionBehaviour
+from hal.base.arrays import Array
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci import recovery
-from hal.fci.cycle_times import CycleTimes, stamp_arrivals
+from hal.fci.cycle_times import CycleTimes
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
+from hal.fci.peeked_state import PeekedState, stamp_arrivals
 from hal.fci.setup import Tool, configure, tell_collisions
 from hal.fci.sockets import give_up_after, open_sockets, shut_down
+from hal.limits import CollisionBehaviour
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 
@@ -55,6 +56,7 @@ class FciArm:
         self._posture: Array | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
+        self.peeked: PeekedState | None = None  # where the arm is answered by a clock of its own
         self.cycles: CycleTimes | None = None  # where they are to be measured
         self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         self._robot: franka.Robot | None = None
@@ -178,9 +180,9 @@ class FciArm:
         if self.unread:
             self.unread = False
             return self.state
-        cycles = self.cycles
-        if cycles is not None:
-            cycles.look(self.socket)
+        peeked = self.peeked
+        if peeked is not None:
+            peeked.look(self.socket)
         try:
             # no local name for the control: the traceback of an error would keep it, and the robot busy, alive
             state = robot.read_once() if self._control is None else self._control.readOnce()[0]
@@ -188,9 +190,10 @@ class FciArm:
             raise self._fault(error) from None
         number = round(1e3 * state.time.to_sec())
         mode = -1
-        if cycles is not None:
-            cycles.read()
-            mode = cycles.state(number)
+        if peeked is not None:
+            if self.cycles is not None:
+                self.cycles.read()
+            mode = peeked.take(number)
         if mode < 0:
             mode = int(state.robot_mode)
             self._take(state, number, mode)

@@ -16,25 +16,18 @@ from typing import Protocol
 import numpy as np
 from numba import types
 
-from hal.arrays import Array
+from hal.base.arrays import Array
+from hal.base.realtime import beside_realtime
 from hal.compilation import bound, compiled
-from hal.realtime import beside_realtime
+from hal.fci.peeked_state import DATAGRAM
 
-# of what libfranka sends and gets (research_interface/robot, version 10): the fields that are needed here
+# The fields of libfranka's state (research_interface/robot, version 10) that are needed here.
 COMMAND = np.dtype(
     {
         "names": ["message_id", "q_c", "tau_J_d"],
         "formats": ["<u8", ("<f8", 7), ("<f8", 7)],
         "offsets": [0, 8, 314],
         "itemsize": 371,
-    }
-)
-STATE = np.dtype(
-    {
-        "names": ["message_id", "q_d", "dq"],
-        "formats": ["<u8", ("<f4", 7), ("<f4", 7)],
-        "offsets": [0, 624, 652],
-        "itemsize": 1377,
     }
 )
 GRACE_NS = 3_000_000  # a call that is over by then has cost three packets of 20; a robot's start takes about 2 ms
@@ -136,7 +129,7 @@ class Hold:
         self.answers = 0
         self._begin, self._ended = begin, threading.Event()
         self._words = np.zeros(3, dtype=np.int64)
-        command, state = np.zeros(1, COMMAND), np.zeros(1, STATE)
+        command, state = np.zeros(1, COMMAND), np.zeros(1, DATAGRAM)
         q, tau = arm.last_command()
         from_q_d = q is not None and bool(np.isnan(q[0]))
         if q is not None:

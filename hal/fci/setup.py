@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pylibfranka as franka
 
-from hal.arrays import Array
-from hal.collisions import CollisionBehaviour
+from hal.base.arrays import Array
 from hal.errors import HardwareError
+from hal.limits import CollisionBehaviour
 from hal.pad import Pad
 
 _EXACT = 1e-6  # m: closer than this a frame of the robot (float32 on the wire) is the one that was asked for

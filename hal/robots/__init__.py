@@ -5,12 +5,10 @@ FR3: the Franka Research 3, which a cell has unless its file says otherwise. FER
 
 from dataclasses import replace
 from functools import cache
-from importlib.resources import as_file, files
 from pathlib import Path
 
 from hal.extensions import ExtensionError, ExtensionPoint
-from hal.robots.file import RobotError, read_robot
-from hal.robots.model import RobotModel
+from hal.robots.model import RobotError, RobotModel, read_robot
 
 __all__ = ["DEFAULT", "FER", "FR3", "ROBOTS", "RobotError", "RobotModel", "read_robot", "reference_in", "robot"]
 
@@ -19,8 +17,7 @@ DEFAULT = "fr3"
 
 
 def _ours(name: str) -> RobotModel:
-    with as_file(files("hal.robots") / f"{name}.toml") as path:
-        return replace(read_robot(path), reference=name)
+    return replace(read_robot(Path(__file__).with_name(f"{name}.toml")), reference=name)
 
 
 FR3 = _ours("fr3")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.parameters import (
     ControlParameters,
     DetectorParameters,
@@ -135,7 +135,7 @@ class PlainArm:
         C = self._data.C
         J, dJdq, T_world_ee = self._kinematics(dq)
         twist = J @ dq
-        M = M_links + (np.diag(self._inertia.B_theta) if self._inertia.include_B_theta else 0.0)
+        M = M_links + np.diag(self._inertia.added)
         f = self._friction
         friction = f.scale * (f.p1 / (1.0 + np.exp(-f.p2 * (dq + f.p3))) - f.p1 / (1.0 + np.exp(-f.p2 * f.p3)))
         friction = friction + f.gravity_share * g

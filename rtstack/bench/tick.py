@@ -5,59 +5,26 @@ joint is lowered below what it carries, so that the solver has to answer.
 """
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.bench.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.records import POINT
-from rtstack.control.tick import ArmController, DualArmController
+from rtstack.control.tick import CellController
 from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.expected import ExpectedImpact
-from rtstack.samples import Mode, QpSolver, QpStatus
+from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import Parameters, arm_controllers, safety_judges
 from rtstack.trials.monitoring import tuning_of
 
 OBJECT = "rice_box"  # whose monitor is timed: all are alike
 WARM_UP = 200  # ticks that are not counted
-
-
-@dataclass(frozen=True, slots=True)
-class TickBenchmark:
-    """Times of the whole dual-arm tick in us, and what they are compared with.
-
-    tick_*: no limit active. constrained_*: a limit active in half of the ticks. model, observe, monitor, command,
-    judge: parts of the tick without a limit, p50. speedup: plain numpy over compiled, p50 over p50, no limit active.
-    largest_difference: between both torques, Nm, over all ticks without a limit.
-    """
-
-    ticks: int
-    solver: str
-    tick_us_p50: float
-    tick_us_p99: float
-    numpy_tick_us_p50: float
-    numpy_tick_us_p99: float
-    speedup: float
-    constrained_tick_us_p50: float
-    constrained_tick_us_p99: float
-    constrained_numpy_tick_us_p50: float
-    constrained_share: float
-    unsolved: int
-    model_us_p50: float
-    observe_us_p50: float
-    monitor_us_p50: float
-    command_us_p50: float
-    judge_us_p50: float
-    largest_difference: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the benchmark as JSON-ready values."""
-        return asdict(self)
 
 
 class _Pair:
@@ -68,9 +35,9 @@ class _Pair:
         self.arms = arm_controllers(description, parameters)
         machine = ModeMachine(Strategy.PROPOSED, parameters.control, 1e9)
         machine.begin(Mode.ANTE_IMPACT)
-        self.controller = DualArmController(*self.arms, machine, _monitor(parameters.control.period_s))
+        self.controller = CellController(self.arms, machine, _monitor(parameters.control.period_s))
         self.judges = safety_judges(description)
-        mountings = (description.left, description.right)
+        mountings = description.arms
         self.plain = tuple(
             PlainArm(
                 ArmModel(mounting, description.pad), parameters.control, parameters.detector, parameters.inertia,
@@ -164,8 +131,15 @@ class _Pair:
             plain.tau_previous = arm.sample["tau_applied"][0].copy()
 
 
-def bench_tick(description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0) -> TickBenchmark:
-    """Measure `ticks` ticks without an active limit, and as many with one in half of them."""
+def bench_tick(description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0) -> dict[str, Any]:
+    """Measure `ticks` ticks without an active limit, and as many with one in half of them.
+
+    Returns:
+        Times of the whole dual-arm tick in us, and what they are compared with: tick_*: no limit active; constrained_*:
+        a limit active in half of the ticks; model, observe, monitor, command, judge: parts of the tick without a limit,
+        p50; speedup: plain numpy over compiled, p50 over p50, no limit active; largest_difference: between both
+        torques, Nm, over all ticks without a limit.
+    """
     rng = np.random.default_rng(seed)
     pair = _Pair(description, parameters, rng)
     times: dict[tuple[bool, str], list[int]] = {(c, n): [] for c in (False, True) for n in ("compiled", "numpy")}
@@ -188,22 +162,22 @@ def bench_tick(description: CellDescription, parameters: Parameters, ticks: int,
                 largest = max(largest, *(float(np.max(np.abs(x - y))) for x, y in zip(compiled, plain, strict=True)))
     us = {key: np.array(values) * 1e-3 for key, values in times.items()}
     free, free_numpy = us[False, "compiled"], us[False, "numpy"]
-    return TickBenchmark(
-        ticks=ticks,
-        solver=str(parameters.solver),
-        tick_us_p50=_percentile(free, 50),
-        tick_us_p99=_percentile(free, 99),
-        numpy_tick_us_p50=_percentile(free_numpy, 50),
-        numpy_tick_us_p99=_percentile(free_numpy, 99),
-        speedup=_percentile(free_numpy, 50) / _percentile(free, 50),
-        constrained_tick_us_p50=_percentile(us[True, "compiled"], 50),
-        constrained_tick_us_p99=_percentile(us[True, "compiled"], 99),
-        constrained_numpy_tick_us_p50=_percentile(us[True, "numpy"], 50),
-        constrained_share=solved / ticks,
-        unsolved=unsolved,
-        largest_difference=largest,
+    return {
+        "ticks": ticks,
+        "solver": str(parameters.solver),
+        "tick_us_p50": _percentile(free, 50),
+        "tick_us_p99": _percentile(free, 99),
+        "numpy_tick_us_p50": _percentile(free_numpy, 50),
+        "numpy_tick_us_p99": _percentile(free_numpy, 99),
+        "speedup": _percentile(free_numpy, 50) / _percentile(free, 50),
+        "constrained_tick_us_p50": _percentile(us[True, "compiled"], 50),
+        "constrained_tick_us_p99": _percentile(us[True, "compiled"], 99),
+        "constrained_numpy_tick_us_p50": _percentile(us[True, "numpy"], 50),
+        "constrained_share": solved / ticks,
+        "unsolved": unsolved,
         **_parts(pair, ticks),
-    )
+        "largest_difference": largest,
+    }
 
 
 def _monitor(period_s: float) -> TrialMonitor:
@@ -223,7 +197,7 @@ def _percentile(values: Array, share: float) -> float:
 
 def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
     """Time the parts of both arms' tick, each by itself."""
-    arms: tuple[ArmController, ArmController] = pair.arms
+    arms = pair.arms
     parts: dict[str, list[int]] = {"model": [], "observe": [], "monitor": [], "command": [], "judge": []}
     for k in range(ticks):
         pair.pose(k, False)
@@ -247,6 +221,3 @@ def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
         for name, began, ended in zip(parts, marks, marks[1:], strict=False):
             parts[name].append(ended - began)
     return {f"{name}_us_p50": _percentile(np.array(values) * 1e-3, 50) for name, values in parts.items()}
-
-
-__all__ = ["QpSolver", "TickBenchmark", "bench_tick"]

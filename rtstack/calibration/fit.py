@@ -9,7 +9,7 @@ Seber and Lee, Linear Regression Analysis (2003), chapters 3 and 10, at the last
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ import scipy  # loads its statistics when they are used: half a second
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 SIDES = ("left", "right")  # as in rtstack.samples
 SIGMA_M = 5e-4  # ours: how well a hand meets a gauge, each axis. The scale to begin with; the points give their own
@@ -53,7 +53,8 @@ class SidesSwapped(CalibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """One point. flanges (2, 4, 4): T_base_flange of both arms, m; place (3,): in the world, or in the tracker's."""
+    """One point. side: index in Geometry.sides; flanges (arms, 4, 4): T_base_flange of each arm, m; place (3,): in the
+    world, or in the tracker's frame, m."""
 
     name: str
     what: Literal["touch", "meet", "see"]
@@ -64,15 +65,19 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """bases (2, 4, 4): T_world_base; tracker (4, 4): T_world_tracker; faces, markers (2, 3): in the flange, m."""
+    """bases (arms, 4, 4): T_world_base; tracker (4, 4): T_world_tracker; faces, markers (arms, 3): in the flange, m.
+
+    sides: of the arms that are there, left before right.
+    """
 
     bases: Array
     tracker: Array
     faces: Array
     markers: Array
+    sides: tuple[str, ...] = SIDES
 
     def pads(self, flanges: Array) -> Array:
-        """Return where both pads' faces are in the world, (n, 2, 3) m, for flanges (n, 2, 4, 4)."""
+        """Return where each pad's face is in the world, (n, arms, 3) m, for flanges (n, arms, 4, 4)."""
         return _placed(self.bases, _placed(flanges, self.faces))
 
 
@@ -102,7 +107,7 @@ def calibrate(points: Sequence[Observation], nominal: Geometry) -> Fit:
 
     nominal: where everything should be. Raises CalibrationError.
     """
-    if why := _other_arm_was_led(points):
+    if why := _other_arm_was_led(points, nominal.sides):
         raise SidesSwapped(why)
     problem = _Problem(points, nominal)
     problem.solve(robust=True)
@@ -141,7 +146,7 @@ class _Problem:
     def __init__(self, points: Sequence[Observation], nominal: Geometry) -> None:
         if not points:
             raise CalibrationError("there is no point")
-        self.points, self.nominal = list(points), nominal
+        self.points, self.nominal, self._arms = list(points), nominal, tuple(enumerate(nominal.sides))
         self._flanges = np.array([p.flanges for p in points])
         self._places = np.array([p.place for p in points])
         self._sides = np.array([p.side for p in points])
@@ -155,7 +160,8 @@ class _Problem:
     def _asked_for(self) -> list[str]:
         names: set[str] = set()
         for point in self.points:
-            own = SIDES if point.what == "meet" else (SIDES[point.side],)
+            sides = self.nominal.sides
+            own = sides if point.what == "meet" else (sides[point.side],)
             names |= {f"{side} base" for side in own}
             names |= {f"{own[0]} marker", "tracker"} if point.what == "see" else {f"{side} pad" for side in own}
         return [name for name in GROUPS if name in names]
@@ -164,7 +170,7 @@ class _Problem:
         """Return the geometry to begin with: in closed form where there are three places, else the nominal one."""
         bases, tracker = self.nominal.bases.copy(), self.nominal.tracker.copy()
         faces = _placed(self._flanges, self.nominal.faces)
-        for side in (0, 1):
+        for side, _ in self._arms:
             own = touched & (self._sides == side)
             if np.sum(own) >= 3:
                 bases[side] = _superposed(faces[own, side], self._places[own])
@@ -172,22 +178,22 @@ class _Problem:
         if np.sum(seen) >= 3:
             markers = _placed(bases, _placed(self._flanges, self.nominal.markers))
             tracker = _superposed(self._places[seen], markers[seen, self._sides[seen]])
-        return Geometry(bases, tracker, self.nominal.faces, self.nominal.markers)
+        return replace(self.nominal, bases=bases, tracker=tracker)
 
     def _linearised(self) -> Array:
         """Return what is left of each point, (n, 3) m, and keep its derivatives (n, 3, columns)."""
         geometry, left = self.geometry, np.zeros((len(self.points), 3))
         self._J[:] = 0.0
-        for kind, sides in (("touch", (0, 1)), ("see", (0, 1)), ("meet", (0, 1))):
+        for kind in ("touch", "see", "meet"):
             held = geometry.markers if kind == "see" else geometry.faces
-            for side in sides:
+            for side, arm_name in self._arms:
                 rows = np.flatnonzero((self._kinds == kind) & ((self._sides == side) | (kind == "meet")))
                 sign = -1.0 if kind == "meet" and side == 1 else 1.0
                 base, flanges = geometry.bases[side], self._flanges[rows, side]
                 arm = _placed(flanges, held[side]) @ base[:3, :3].T
                 left[rows] += sign * (arm + base[:3, 3])
-                self._differ(rows, f"{SIDES[side]} base", sign * _turning(arm))
-                own = f"{SIDES[side]} {'marker' if kind == 'see' else 'pad'}"
+                self._differ(rows, f"{arm_name} base", sign * _turning(arm))
+                own = f"{arm_name} {'marker' if kind == 'see' else 'pad'}"
                 self._differ(rows, own, sign * base[:3, :3] @ flanges[:, :3, :3])
         touched, seen = np.flatnonzero(self._kinds == "touch"), np.flatnonzero(self._kinds == "see")
         left[touched] -= self._places[touched]
@@ -209,7 +215,7 @@ class _Problem:
                 weight = 1.0 / np.sqrt(1.0 + np.sum(left**2, axis=1) / (3.0 * SIGMA_M) ** 2)
             J = (self._J * weight[:, None, None]).reshape(-1, len(self._columns)) / SIGMA_M
             off = (self.geometry.faces - self.nominal.faces).ravel() / FACE_SD_M
-            off = off[[f"{side} pad" in self.groups for side in SIDES for _ in range(3)]]
+            off = off[[f"{side} pad" in self.groups for _, side in self._arms for _ in range(3)]]
             right = np.concatenate([(left * weight[:, None]).ravel() / SIGMA_M, off])
             step = -np.linalg.lstsq(np.vstack([J, self._priors]), right, rcond=1e-12)[0]
             self.geometry = self._stepped(step)
@@ -222,14 +228,16 @@ class _Problem:
         bases, tracker = self.geometry.bases.copy(), self.geometry.tracker
         faces, markers = self.geometry.faces.copy(), self.geometry.markers.copy()
         for name in self.groups:
-            own, side = step[self._columns == name], int(name.startswith("right"))
+            own = step[self._columns == name]
             if name == "tracker":
                 tracker = _moved(tracker, own)
-            elif name.endswith("base"):
+                continue
+            side = self.nominal.sides.index(name.split()[0])
+            if name.endswith("base"):
                 bases[side] = _moved(bases[side], own)
             else:
                 (faces if name.endswith("pad") else markers)[side] += own
-        return Geometry(bases, tracker, faces, markers)
+        return replace(self.geometry, bases=bases, tracker=tracker, faces=faces, markers=markers)
 
     def check(self) -> None:
         """Raise CalibrationError where the points do not determine what they are about."""
@@ -299,7 +307,7 @@ class _Problem:
         draws = rng.multivariate_normal(np.zeros(len(columns)), spread, _DRAWS, method="svd")
         draws *= np.sqrt(freedom / rng.chisquare(freedom, _DRAWS))[:, None]
         worst, turn = np.zeros(_DRAWS), np.zeros(_DRAWS)
-        for side, name in enumerate(SIDES):
+        for side, name in self._arms:
             if f"{name} base" not in self.groups:
                 continue
             step, base = draws[:, columns == f"{name} base"], self.geometry.bases[side]
@@ -321,7 +329,7 @@ class _Problem:
 def _fits_exchanged(problem: _Problem) -> str:
     """Return why the sides are swapped, where the points fit far better so."""
     recorded = float(np.median(problem.distances()))
-    if recorded < SWAPPED_M:
+    if recorded < SWAPPED_M or len(problem.nominal.sides) == 1:
         return ""
     other = problem.exchanged()
     other.solve(robust=True)
@@ -333,8 +341,8 @@ def _fits_exchanged(problem: _Problem) -> str:
     )
 
 
-def _other_arm_was_led(points: Sequence[Observation]) -> str:
-    for side, name in enumerate(SIDES):
+def _other_arm_was_led(points: Sequence[Observation], sides: Sequence[str]) -> str:
+    for side, name in enumerate(sides if len(sides) == 2 else ()):
         own = [p for p in points if p.what == "touch" and p.side == side]
         if len(own) < 3:
             continue

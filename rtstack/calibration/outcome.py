@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
-from rtstack.calibration.cell_file import Values, changes
-from rtstack.calibration.fit import SIDES, CalibrationError, Fit, calibrate
+from hal.base.arrays import Array
+from rtstack.calibration.fit import CalibrationError, Fit, calibrate
 from rtstack.calibration.payload import Payload, payload
-from rtstack.calibration.points import Point, nominal_geometry, observations, pivots, resting
+from rtstack.calibration.points import Point, Values, changes, nominal_geometry, observations, pivots, resting
 from rtstack.cells.metal import LARGEST_RMS_MM
 from rtstack.model.arm_model import build_model
 from rtstack.model.cell_description import CellDescription
@@ -43,9 +42,9 @@ class Outcome:
             f"rms {1e3 * fit.rms_m:.2f} mm (95 %: {low:.2f} to {high:.2f}); in 95 % of such calibrations no pad is off "
             f"there by more than {1e3 * fit.place_m:.2f} mm, no base by {np.degrees(fit.turn_rad):.2f} deg"
         )
-        for side, name in enumerate(SIDES):
+        for name, face in zip(fit.geometry.sides, fit.geometry.faces, strict=True):
             if f"{name} pad" in fit.groups:
-                x, y, z = (1e3 * fit.geometry.faces[side]).tolist()
+                x, y, z = (1e3 * face).tolist()
                 lines.append(f"{name} pad: its face is at x {x:+.1f}, y {y:+.1f}, z {z:+.1f} mm of the flange")
         for name, load in self.loads.items():
             centre = ", ".join(f"{1e3 * c:+.0f}" for c in load.centre)
@@ -100,8 +99,8 @@ def outcome(points: Mapping[str, Point], description: CellDescription, today: da
 
 def _loads(points: Mapping[str, Point], description: CellDescription) -> dict[str, Payload]:
     found = {}
-    for side, (mounting, pad) in enumerate(zip((description.left, description.right), description.pads, strict=True)):
+    for (side, mounting), pad in zip(description.mountings.items(), description.pads, strict=True):
         q, tau = resting(points, side)
         if len(q):
-            found[SIDES[side]] = payload(build_model(mounting, pad), (pad.mass, pad.F_x_centre), q, tau)
+            found[side] = payload(build_model(mounting, pad), (pad.mass, pad.F_x_centre), q, tau)
     return found

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import scipy  # loads its statistics when they are used: half a second
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.calibration.fit import CONFIDENCE, CalibrationError
 
 FEWEST = 3  # postures: four numbers of the load, and an offset of each joint's torque

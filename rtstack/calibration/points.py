@@ -1,32 +1,103 @@
-"""The file of measured points, and what they are for the fit: `[points.NAME]` each.
+"""The file of measured points, what they are for the fit, and the result on its way into the file of the cell.
 
-what    touch: a pad's face is at `place` in the world; meet: both pads' faces are at one place, its own unknown;
+`[points.NAME]` each:
+
+what    touch: a pad's face is at `place` in the world; meet: the faces of two arms' pads are at one place, its own
+        unknown;
         see: the tracker sees the marker of the flange at `place` in its own frame; stand: `object` stands on the
         table at the world's origin, not turned, and the tracker sees the body that it follows at `place`, in its own
-        frame; rest: both arms rest, free, with `tau_left` and `tau_right`, Nm, as external torques
+        frame; rest: the arms rest, free, with `tau_left` and `tau_right`, Nm, as external torques
 side    left or right: whose pad or marker
-q_left, q_right    joints as measured, rad; missing: still to be measured; stand needs none
+q_left, q_right    joints as measured, rad, of each arm of the cell; missing: still to be measured; stand needs none
 """
 
-from collections.abc import Mapping
+import datetime
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.arrays import Array
-from hal.configuration import STRICT, ConfigurationError, Real, load_toml, toml_text
+from hal.base.arrays import Array
+from hal.base.configuration import STRICT, ConfigurationError, Real, load_toml, toml_text, with_values
 from rtstack.calibration.fit import CalibrationError, Geometry, Observation
 from rtstack.model.arm_model import flange_pose
-from rtstack.model.cell_description import CellDescription, base_poses
-from rtstack.model.rotation import rotation_from_quaternion
-from rtstack.samples import SIDES
+from rtstack.model.cell_description import CellDescription, base_poses, load_cell_description
+from rtstack.model.rotation import quaternion_from_rotation, rotation_from_quaternion
+
+if TYPE_CHECKING:
+    from rtstack.calibration.fit import Fit
+    from rtstack.calibration.payload import Payload
 
 _FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # as hal.tracker.TrackerFrames
 Joints = Annotated[tuple[Real, ...], Field(min_length=7, max_length=7)]
+Values = dict[tuple[str, ...], Any]
+
+
+def changes(fit: "Fit", loads: Mapping[str, "Payload"], description: CellDescription, today: datetime.date) -> Values:
+    """Return the keys of the cell's file and the values that the points give them.
+
+    A pad's face, mass and centre are those of real arms alone: a simulated one has what its cell's file says.
+    """
+    values: Values = {}
+    if not description.simulated:
+        values |= _pads(fit, loads, description)
+    for name, base in zip(fit.geometry.sides, fit.geometry.bases, strict=True):
+        if f"{name} base" in fit.groups:
+            values |= _pose((name,), base, "base_")
+    if "tracker" in fit.groups:
+        values |= _pose(("tracker",), fit.geometry.tracker, "")
+    valid = description.calibration.valid_days if description.calibration else 180
+    return values | {
+        ("calibration", "date"): today,
+        ("calibration", "valid_days"): valid,
+        ("calibration", "rms_mm"): round(1e3 * fit.rms_m, 2),
+        ("calibration", "uncertainty_mm"): round(1e3 * fit.place_m, 2),
+        ("calibration", "points"): len(fit.residuals),
+    }
+
+
+def _pads(fit: "Fit", loads: Mapping[str, "Payload"], description: CellDescription) -> Values:
+    values: Values = {}
+    for side, (name, mounting, pad) in enumerate(
+        zip(description.sides, description.arms, description.pads, strict=True)
+    ):
+        found: dict[str, Any] = {}
+        if f"{name} pad" in fit.groups:
+            x, y, z = fit.geometry.faces[side].round(5).tolist()
+            found |= {"flange_to_face": z, "offset_xy": [x, y]}
+        if name in loads:
+            found |= {"mass": round(loads[name].mass, 4), "centre": loads[name].centre.round(4).tolist()}
+        known = {key: value for key, value in asdict(pad).items() if value is not None}
+        if found:  # an arm that had the cell's pad so far gets one of its own
+            values |= {(name, "pad", key): v for key, v in (found if mounting.pad else known | found).items()}
+    return values
+
+
+def _pose(table: tuple[str, ...], T: Array, prefix: str) -> Values:
+    wxyz = np.zeros(4)
+    quaternion_from_rotation(np.ascontiguousarray(T[:3, :3]), wxyz)
+    return {
+        (*table, f"{prefix}position"): T[:3, 3].round(5).tolist(),
+        (*table, f"{prefix}orientation_wxyz"): wxyz.round(7).tolist(),
+    }
+
+
+def write(path: Path, values: Values) -> None:
+    """Change the file, at once and as a whole. Raises ConfigurationError where it could not be read afterwards."""
+    beside = path.with_name(f".{path.name}.new")
+    try:
+        beside.write_text(with_values(path.read_text(encoding="utf-8"), values), encoding="utf-8")
+        load_cell_description(beside)
+        os.replace(beside, path)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -49,11 +120,18 @@ class Point:
         if (self.what == "stand") != bool(self.object):
             raise ValueError("a point to stand needs its object, and no other has one")
 
-    @property
-    def measured(self) -> bool:
-        """Whether nothing of it is missing."""
-        asked = (self.place,) if self.what == "stand" else (self.q_left, self.q_right)
-        return None not in (asked if self.what != "rest" else (*asked, self.tau_left, self.tau_right))
+    def q(self, side: str) -> Joints | None:
+        """The joints of an arm, rad; None: not measured."""
+        return self.q_left if side == "left" else self.q_right
+
+    def tau(self, side: str) -> Joints | None:
+        """The external torques of an arm, Nm; None: not measured."""
+        return self.tau_left if side == "left" else self.tau_right
+
+    def measured(self, sides: Sequence[str]) -> bool:
+        """Whether nothing of it is missing on a cell with the arms of these sides."""
+        asked = [] if self.what == "stand" else [self.q(side) for side in sides]
+        return None not in (asked if self.what != "rest" else (*asked, *map(self.tau, sides)))
 
     @property
     def asked(self) -> str:
@@ -71,11 +149,12 @@ class Point:
             case _:
                 return "any posture, the pads free; then take the hands off"
 
-    def taken(self, q: Array, tau: Array) -> "Point":
-        """Return it as measured: q (2, 7), rad, and external torques (2, 7), Nm, of both arms."""
-        left, right = (tuple(row) for row in q.round(6).tolist())
-        felt = [tuple(row) for row in tau.round(4).tolist()] if self.what == "rest" else [None, None]
-        return replace(self, q_left=left, q_right=right, tau_left=felt[0], tau_right=felt[1])
+    def taken(self, q: Array, tau: Array, sides: Sequence[str]) -> "Point":
+        """Return it as measured: q (arms, 7), rad, and external torques (arms, 7), Nm, of the arms of these sides."""
+        values: dict[str, Any] = {f"q_{side}": tuple(row) for side, row in zip(sides, q.round(6).tolist(), strict=True)}
+        if self.what == "rest":
+            values |= {f"tau_{side}": tuple(row) for side, row in zip(sides, tau.round(4).tolist(), strict=True)}
+        return replace(self, **values)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -99,19 +178,33 @@ def save_points(path: Path, points: Mapping[str, Point]) -> None:
 
 
 def observations(points: Mapping[str, Point], description: CellDescription) -> list[Observation]:
-    """Return the measured points of the arms as the fit takes them, without those at rest."""
-    mountings = (description.left, description.right)
-    found = []
+    """Return the measured points of the arms as the fit takes them, without those at rest. Raises CalibrationError."""
+    check_arms(points, description)
+    found, arms = [], description.mountings
     for name, point in points.items():
-        if point.what in ("rest", "stand") or point.q_left is None or point.q_right is None:
+        if point.what in ("rest", "stand") or not point.measured(description.sides):
             continue
-        q = (point.q_left, point.q_right)
-        flanges = np.array([flange_pose(arm.robot, np.array(row)) for arm, row in zip(mountings, q, strict=True)])
+        flanges = np.array([flange_pose(arm.robot, np.array(point.q(side))) for side, arm in arms.items()])
         place = np.array(point.place or (0.0, 0.0, 0.0))
         if point.what == "see":
             place = _upright(place, description)
-        found.append(Observation(name, point.what, SIDES.index(point.side), flanges, place))
+        own = point.side if point.what != "meet" else description.sides[0]
+        found.append(Observation(name, point.what, description.sides.index(own), flanges, place))
     return found
+
+
+def check_arms(points: Mapping[str, Point], description: CellDescription) -> None:
+    """Raise CalibrationError for a point of an arm that the cell does not have."""
+    sides = description.sides
+    for name, point in points.items():
+        if point.what == "meet" and len(sides) == 1:
+            raise CalibrationError(
+                f"{name}: two pads cannot meet, {description.name} has one arm, {sides[0]}: remove the point"
+            )
+        if point.what in ("touch", "see") and point.side not in sides:
+            raise CalibrationError(
+                f"{name}: {description.name} has no {point.side} arm, it has one arm, {sides[0]}: remove the point"
+            )
 
 
 def _upright(places: Array, description: CellDescription) -> Array:
@@ -135,11 +228,10 @@ def pivots(points: Mapping[str, Point], description: CellDescription, tracker: A
     return found
 
 
-def resting(points: Mapping[str, Point], side: int) -> tuple[Array, Array]:
+def resting(points: Mapping[str, Point], side: str) -> tuple[Array, Array]:
     """Return joints (n, 7), rad, and external torques (n, 7), Nm, of an arm in the points at rest."""
-    own = [point for point in points.values() if point.what == "rest" and point.measured]
-    q = [point.q_left if side == 0 else point.q_right for point in own]
-    tau = [point.tau_left if side == 0 else point.tau_right for point in own]
+    own = [point for point in points.values() if point.what == "rest" and point.measured((side,))]
+    q, tau = [point.q(side) for point in own], [point.tau(side) for point in own]
     return np.array(q, dtype=float).reshape(-1, 7), np.array(tau, dtype=float).reshape(-1, 7)
 
 
@@ -149,4 +241,4 @@ def nominal_geometry(description: CellDescription) -> Geometry:
     tracker[:3, :3] = rotation_from_quaternion(np.array(frame.orientation_wxyz))
     tracker[:3, 3] = frame.position
     faces = np.array([pad.F_T_face[:3, 3] for pad in description.pads])
-    return Geometry(np.array(base_poses(description)), tracker, faces, np.zeros((2, 3)))
+    return Geometry(np.array(base_poses(description)), tracker, faces, np.zeros_like(faces), description.sides)

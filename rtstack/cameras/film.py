@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rtstack.cameras.source import CameraRequest
 from rtstack.log.video import load_av
+from rtstack.model.cell_description import load_cell_description
 
 _ALONE_S = 1.0  # without a picture of a device: it is gone
 _SAME_S = 1e-3  # times of a film are rounded to its time base
@@ -28,8 +29,10 @@ class _Source:
             self._stream = self._container.streams.video[0]
         except (self._av.FFmpegError, IndexError) as error:
             raise OSError(f"{self._name} cannot be opened: {error}") from None
+        self._arm = request.rings.reader(f"/{load_cell_description(request.cell_file).sides[0]}/arm")
+        self._frames = self._decoded()
 
-    def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    def _decoded(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Yield when each picture was taken, s of its own clock, and (rows, columns, 3) RGB."""
         try:
             for frame in self._container.decode(self._stream):
@@ -52,8 +55,6 @@ class Device(_Source):
         camera = request.camera
         options = {"video_size": f"{camera.width}x{camera.height}", "framerate": f"{camera.rate_hz:g}"}
         super().__init__(request, format="v4l2", options=options, timeout=_ALONE_S)
-        self._arm = request.rings.reader("/left/arm")
-        self._frames = self.frames()
 
     def read(self) -> tuple[int, NDArray[np.uint8]] | None:
         """See Camera."""
@@ -73,9 +74,7 @@ class Film(_Source):
 
     def __init__(self, request: CameraRequest) -> None:
         super().__init__(request)
-        self._arm = request.rings.reader("/left/arm")
         self._period_ns = round(1e9 / request.camera.rate_hz)
-        self._frames = self.frames()
         shown, self._next = next(self._frames, None), next(self._frames, None)
         if shown is None:
             raise OSError(f"{self._name} has no pictures")

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rtstack.log.pictures import SLOTS, PictureRing
 from rtstack.log.video import BEGINS, Decoder
+from rtstack.log.writing.pictures import SLOTS, PictureRing
 
 _PATIENCE_S = 5.0  # of a run that waits for a picture: drawing takes 0.03 s, a program that starts some seconds
 _LOOK_S = 0.001

@@ -12,12 +12,13 @@ from types import FrameType
 from PIL import Image
 from pydantic import TypeAdapter
 
+from hal.base.realtime import ordinary_thread
 from hal.extensions import ExtensionError
 from rtstack.cameras.source import CAMERAS, CameraRequest, draw_time
 from rtstack.log.errors import LogError
-from rtstack.log.pictures import PictureRing
 from rtstack.log.ring import Rings
 from rtstack.log.video import Encoder
+from rtstack.log.writing.pictures import PictureRing
 from rtstack.model.cell_description import CameraDescription
 
 _NICENESS = 10  # a picture may wait for everything else
@@ -34,8 +35,7 @@ def main() -> int:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
     signal.signal(signal.SIGTERM, end)
-    if os.sched_getscheduler(0) != os.SCHED_OTHER:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # not the priority of who started us
+    ordinary_thread()
     os.nice(_NICENESS)
     pictures, rings = PictureRing.attach(job["pictures"]), Rings.attach(job["rings"])
     described = TypeAdapter(CameraDescription).validate_python(job["camera"])

@@ -48,9 +48,3 @@ def draw_time(picture: NDArray[np.uint8], t_ns: int) -> None:
     for bit in range(STAMP_BITS):
         one = t_ns // STAMP_NS >> (STAMP_BITS - 1 - bit) & 1
         picture[:STAMP_PX, STAMP_PX * bit : STAMP_PX * (bit + 1)] = 255 * one
-
-
-def read_time(picture: NDArray[np.uint8]) -> int:
-    """Return the time that is drawn into a picture, ns."""
-    squares = picture[:STAMP_PX, : STAMP_PX * STAMP_BITS].mean(axis=(0, 2)).reshape(STAMP_BITS, STAMP_PX).mean(axis=1)
-    return int("".join("1" if square > 127.5 else "0" for square in squares), 2) * STAMP_NS

@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rtstack.cameras.newest import NewestPictures
-from rtstack.log.pictures import LoggedCamera, PictureRing
 from rtstack.log.ring import Rings
+from rtstack.log.writing.pictures import LoggedCamera, PictureRing
 from rtstack.model.cell_description import CellDescription
 
 _OPEN_S = 20.0  # for a camera to open: a program starts, and MuJoCo's drawing
@@ -47,11 +47,6 @@ class Cameras:
                 )
             )
         self.logged = tuple(logged)
-
-    @property
-    def pids(self) -> tuple[int, ...]:
-        """The processes, in the order of the description."""
-        return tuple(process.pid for process in self._processes)
 
     @property
     def rings(self) -> dict[str, str]:

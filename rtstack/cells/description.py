@@ -12,7 +12,21 @@ def default_cell_file() -> Path:
         return path
 
 
-def load_description(path: Path | None) -> tuple[CellDescription, Path]:
-    """Return the cell's description and the file that it came from. Raises ConfigurationError."""
+def load_description(path: Path | None, kind: str = "") -> tuple[CellDescription, Path]:
+    """Return the cell's description and the file that it came from. Raises ConfigurationError.
+
+    kind: of the cell that is opened: fci:LEFT or fci:,RIGHT is one arm of a cell that may have two.
+    """
     source = path or default_cell_file()
-    return load_cell_description(source), source
+    return of_arms(load_cell_description(source), kind), source
+
+
+def of_arms(description: CellDescription, kind: str) -> CellDescription:
+    """Return the description with the arms alone that a kind of cell has; see `load_description`."""
+    scheme, _, addresses = kind.partition(":")
+    if scheme != "fci":
+        return description
+    left, _, right = addresses.partition(",")
+    asked = [side for side, address in (("left", left), ("right", right)) if address]
+    there = [side for side in asked if side in description.mountings]
+    return description.only(there) if there and there == asked else description

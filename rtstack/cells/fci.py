@@ -1,16 +1,15 @@
-"""Robots at two addresses over the Franka Control Interface, and the tracker that watches their object."""
+"""Robots at their addresses over the Franka Control Interface, and the tracker that watches their object."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
-from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
 from hal.extensions import ExtensionError, ExtensionPoint
 from hal.fci import FciPair, Tool, ask_for_urdf, limits_in, open_pair
-from hal.limits import OwnLimits
+from hal.limits import CollisionBehaviour, OwnLimits
 from hal.tracker import ClosableTracker, TrackerRequest
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.metal import check_boxes, check_measured, check_real_cell, on_this_machine
@@ -25,79 +24,90 @@ TRACKERS = ExtensionPoint[Callable[[TrackerRequest], ClosableTracker]](
 )
 
 
-def fci_addresses(kind: str) -> tuple[str, str]:
-    """Return LEFT and RIGHT of fci:LEFT,RIGHT. Raises TrialError."""
+def fci_addresses(kind: str) -> dict[str, str]:
+    """Return the arms' addresses by side, of fci:LEFT,RIGHT, or of one arm alone: fci:LEFT, fci:,RIGHT. Raises
+    TrialError."""
     scheme, _, addresses = kind.partition(":")
     left, _, right = addresses.partition(",")
-    if scheme != "fci" or not left or not right or "," in right:
-        raise TrialError(f"cell {kind!r}: the robots' addresses are given as fci:LEFT,RIGHT")
+    given = {side: address for side, address in (("left", left), ("right", right)) if address}
+    if scheme != "fci" or not given or "," in right:
+        raise TrialError(f"cell {kind!r}: the robots' addresses are given as fci:LEFT,RIGHT; one arm's as fci:LEFT")
     if left == right:
         raise TrialError(f"cell {kind!r}: two arms have two addresses")
-    return left, right
+    return given
 
 
-def pad_tools(description: CellDescription) -> tuple[Tool, Tool]:
-    """Return what the left and the right arm carry, as the robots are told of it."""
-    left, right = map(Tool.of, description.pads)
-    return left, right
+def _addresses(kind: str, description: CellDescription) -> tuple[str, ...]:
+    """Return the address of each arm of a cell. Raises TrialError where they are of other arms than the cell's."""
+    given = fci_addresses(kind)
+    if tuple(given) != description.sides:
+        has = " and ".join(f"a {side}" for side in description.sides)
+        raise TrialError(f"cell {kind!r}: {description.name} has {has} arm: give the address of each, and of no other")
+    return tuple(given.values())
+
+
+def pad_tools(description: CellDescription) -> tuple[Tool | None, Tool | None]:
+    """Return what the left and the right arm carry, as the robots are told of it, None where there is no arm."""
+    tools = dict(zip(description.sides, map(Tool.of, description.pads), strict=True))
+    return tools.get("left"), tools.get("right")
 
 
 def approach_collisions(description: CellDescription) -> CollisionBehaviour:
-    """Return the thresholds with which both arms are connected to: nothing is to be met until a run says so."""
-    return limits_of_arms(description)[0].collisions(ForcePhase.APPROACH)  # a cell's table is one for both arms
+    """Return the thresholds with which all arms are connected to: nothing is to be met until a run says so."""
+    return limits_of_arms(description)[0].collisions(ForcePhase.APPROACH)  # a cell's table is one for all arms
 
 
 def _check(argument: str, description: CellDescription, cell_file: Path | None) -> None:
-    check_real_cell(fci_addresses(f"fci:{argument}"), description, cell_file)
+    check_real_cell(_addresses(f"fci:{argument}", description), description, cell_file)
     _tracker(description.tracker)
 
 
 def _measured(argument: str, description: CellDescription, cell_file: Path | None) -> None:
-    check_measured(fci_addresses(f"fci:{argument}"), description, cell_file)
+    check_measured(_addresses(f"fci:{argument}", description), description, cell_file)
 
 
 def _simulated(argument: str, description: CellDescription) -> bool:
     """A real arm must never be reported as simulated: only arms on this machine can be."""
-    return description.simulated and all(map(on_this_machine, argument.split(",")))
+    return description.simulated and all(map(on_this_machine, fci_addresses(f"fci:{argument}").values()))
 
 
 def _open(request: CellRequest) -> Cell:
     if request.faults is not None:
         raise TrialError(f"cell {request.kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
-    left, right = fci_addresses(request.kind)
-    check_real_cell((left, right), request.description, request.cell_file)
+    addresses = _addresses(request.kind, request.description)
+    check_real_cell(addresses, request.description, request.cell_file)
     if not request.led:
-        check_measured((left, right), request.description, request.cell_file)
+        check_measured(addresses, request.description, request.cell_file)
     check_boxes(request.description)
-    own, said = _own_limits((left, right))
+    own, said = _own_limits(addresses)
     check_models(request.description, own)
     robot_clock = ClockRelation()
     tracker = _listen(request.description.tracker, request.object_name, robot_clock)
     try:
-        real = request.description.enforce_realtime and not (on_this_machine(left) and on_this_machine(right))
+        real = request.description.enforce_realtime and not all(map(on_this_machine, addresses))
+        given = fci_addresses(request.kind)
         pair = open_pair(
-            left, right, pad_tools(request.description), approach_collisions(request.description),
-            enforce_realtime=real,
+            given.get("left"), given.get("right"), pad_tools(request.description),
+            approach_collisions(request.description), enforce_realtime=real,
         )  # fmt: skip
     except BaseException:
         tracker.close()
         raise
     clock = RobotClock(pair, robot_clock)
+    link = ClosingLink(pair, clock.wait, tracker.close)
     return Cell(
-        request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker, clock), own_clocks=True,
-        sensors=(clock,), own_limits=own, cycles=pair.cycles,
-        warning=said or difference_of_limits(request.description, own),
+        request.kind, pair.left, pair.right, tracker, link, own_clocks=True, sensors=(clock,),
+        own_limits=own, cycles=pair.cycles, warning=said or difference_of_limits(request.description, own),
     )  # fmt: skip
 
 
-def _own_limits(addresses: tuple[str, str]) -> tuple[tuple[OwnLimits, OwnLimits] | None, str]:
-    """Return what both robots say of their limits, or None and why they do not: a robot that takes no client says so
+def _own_limits(addresses: Sequence[str]) -> tuple[tuple[OwnLimits, ...] | None, str]:
+    """Return what the robots say of their limits, or None and why they do not: a robot that takes no client says so
     itself, when it is connected to."""
     try:
-        left, right = (limits_in(ask_for_urdf(address), f"the arm at {address}") for address in addresses)
+        return tuple(limits_in(ask_for_urdf(address), f"the arm at {address}") for address in addresses), ""
     except HardwareError as error:
         return None, f"the limits of the cell's file are not compared with the robots': {error}"
-    return (left, right), ""
 
 
 def _tracker(tracker: TrackerDescription) -> Callable[[TrackerRequest], ClosableTracker]:
@@ -122,20 +132,19 @@ def _listen(tracker: TrackerDescription, object_name: str, robot_clock: ClockRel
         ) from None
 
 
-class _TrackedLink:
-    """Both arms at their addresses, and the tracker that is listened to."""
+class ClosingLink:
+    """The link to the arms of a pair. wait: for their next state; close_rest: closes what ends with them."""
 
-    def __init__(self, pair: FciPair, tracker: ClosableTracker, clock: RobotClock) -> None:
-        self._pair = pair
-        self._tracker = tracker
-        self.start, self.wait, self.move = pair.start, clock.wait, pair.move
+    def __init__(self, pair: FciPair, wait: Callable[[], int], close_rest: Callable[[], None]) -> None:
+        self._pair, self._close_rest = pair, close_rest
+        self.start, self.wait, self.move = pair.start, wait, pair.move
         self.stop, self.recover = pair.stop, pair.recover
         self.set_collisions = pair.set_collisions
 
     def close(self) -> None:
-        """Disconnect, and stop listening."""
+        """Disconnect, and close the rest."""
         self._pair.close()
-        self._tracker.close()
+        self._close_rest()
 
 
 fci = CellKind(_open, _check, _simulated, _measured)

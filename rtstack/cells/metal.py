@@ -9,6 +9,7 @@ Bases that stand elsewhere than a file says cannot be seen by arms that repeat w
 that are not simulated has to say when they were measured, at whatever address they are (a tunnel's, too).
 """
 
+from collections.abc import Sequence
 from contextlib import closing
 from datetime import date, timedelta
 from ipaddress import ip_address
@@ -17,7 +18,6 @@ from pathlib import Path
 from hal.desk import Desk, DeskState, Trust
 from rtstack.cells.description import default_cell_file
 from rtstack.model.cell_description import CellDescription
-from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
 LARGEST_RMS_MM = 3.0  # ours: at 0.4 m/s an object that is 3 mm off is met 7.5 ms early; the runbook aims at 2 mm
@@ -31,12 +31,12 @@ def on_this_machine(address: str) -> bool:
         return False
 
 
-def _real(addresses: tuple[str, str]) -> list[str]:
+def _real(addresses: Sequence[str]) -> list[str]:
     return [address for address in addresses if not on_this_machine(address)]
 
 
-def check_real_cell(addresses: tuple[str, str], description: CellDescription, cell_file: Path | None) -> None:
-    """Refuse arms at addresses (left, right) that are not this machine's, or that the cell's file does not call
+def check_real_cell(addresses: Sequence[str], description: CellDescription, cell_file: Path | None) -> None:
+    """Refuse arms at these addresses, one of each, that are not this machine's, or that the cell's file does not call
     simulated, unless that file is theirs.
 
     Nothing is connected to. Raises TrialError with one line: what is wrong, and what to do.
@@ -51,9 +51,9 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
         raise TrialError(
             f"{arms}, and {cell_file} says simulated = true: measure the cell, then write simulated = false"
         )
-    if len(real) == 1:
+    if len(real) == 1 and len(addresses) == 2:
         raise TrialError(f"{arms}, the other arm is: a cell has two real arms, or two simulated ones")
-    for side, given, mounting in zip(("left", "right"), addresses, (description.left, description.right), strict=True):
+    for side, given, mounting in zip(description.sides, addresses, description.arms, strict=True):
         if given != mounting.address:
             raise TrialError(
                 f"the {side} arm is asked for at {given}, and {cell_file} has it at {mounting.address}: "
@@ -61,7 +61,7 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
             )
 
 
-def check_measured(addresses: tuple[str, str], description: CellDescription, cell_file: Path | None) -> None:
+def check_measured(addresses: Sequence[str], description: CellDescription, cell_file: Path | None) -> None:
     """Refuse the same arms unless the cell's file, which `check_real_cell` has let pass, says that it was measured,
     not too long ago and well enough. Raises TrialError with one line."""
     if cell_file is None or (description.simulated and not _real(addresses)):
@@ -100,7 +100,7 @@ def check_boxes(description: CellDescription) -> None:
     Two boxes that were exchanged have each other's arm behind them. Raises TrialError with one line, HardwareError
     where Desk does not answer or is not trusted.
     """
-    mountings = dict(zip(SIDES, (description.left, description.right), strict=True))
+    mountings = description.mountings
     asked = {side: arm for side, arm in mountings.items() if arm.serial}
     trust, states = Trust(), dict[str, DeskState]()
     for side, arm in asked.items():

@@ -16,19 +16,20 @@ EVERY_NS = 100_000_000
 
 
 class RobotClock:
-    """Relates the time of the left arm's states, which are the beat, to the host's; a hal.sensor.Sensor of that."""
+    """Relates the time of the first arm's states, which are the beat, to the host's; a hal.sensor.Sensor of that."""
 
     topic = CLOCK_TOPIC
 
     def __init__(self, pair: "FciPair", relation: ClockRelation) -> None:
         """relation: of the robot's time (a) and time.monotonic_ns (b)."""
         self._pair, self._relation = pair, relation
-        self._t_ns, self._said_ns = pair.left.t_ns, -EVERY_NS
+        self._first = next(iter(pair.arms.values()))
+        self._t_ns, self._said_ns = self._first.t_ns, -EVERY_NS
 
     def wait(self) -> int:
         """See hal.cell.ArmLink. The state that was waited for before has been read by now."""
         # now, not when it arrived: the state that is read may be a later one than that which was waited for
-        t_ns = self._pair.left.t_ns
+        t_ns = self._first.t_ns
         if t_ns != self._t_ns:
             self._relation.update(t_ns, time.monotonic_ns())
         self._t_ns = t_ns

@@ -4,21 +4,15 @@ import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from hal.base.extras import require
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
-from hal.extras import require
 from hal.tracker import TrackerFrames
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.simulator import Simulator
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
-
-# hal.fci brings pylibfranka, which not every Python has, and which a plant in this process does without
-if TYPE_CHECKING:
-    from hal.fci import FciPair
-    from rtstack.cells.robot_clock import RobotClock
 
 
 def plant_difference(cell_file: Path | None, object_name: str) -> str:
@@ -26,7 +20,7 @@ def plant_difference(cell_file: Path | None, object_name: str) -> str:
 
     Raises TrialError for a bad key of the plant's.
     """
-    from hal.configuration import ConfigurationError
+    from hal.base.configuration import ConfigurationError
     from sim_robot.lab_objects import difference, with_lab_objects
     from sim_robot.scene import load_scene
 
@@ -53,7 +47,7 @@ def _check_served(argument: str, description: CellDescription, cell_file: Path |
 
 def _profile(argument: str) -> str:
     """Return the name of the profile that stands behind a simulated cell's name. Raises TrialError."""
-    from hal.configuration import ConfigurationError
+    from hal.base.configuration import ConfigurationError
     from sim_robot.profile import IDEAL, load_profile
 
     name = argument or IDEAL
@@ -69,19 +63,20 @@ def _simulated(_argument: str, _description: CellDescription) -> bool:
 
 
 def _open_direct(request: CellRequest) -> Cell:
-    from hal.configuration import ConfigurationError
+    from hal.base.configuration import ConfigurationError
     from sim_robot.cell import simulated_cell
     from sim_robot.clock import PacedLockstep
     from sim_robot.faults.file import load_faults
     from sim_robot.scene import NO_OBJECT
 
-    profile = _profile(request.argument)
+    profile, sides = _profile(request.argument), request.description.sides
     try:
-        script = () if request.faults is None else load_faults(request.faults)
+        script = () if request.faults is None else load_faults(request.faults, sides)
         noise = request.seed if request.noise_seed is None else request.noise_seed
         cell = simulated_cell(
             request.object_name or NO_OBJECT, request.displacement, noise, faults=script, arms_seed=request.seed,
             cell_file=request.cell_file, clock=PacedLockstep() if request.live else None, profile=profile,
+            sides=sides,
         )  # fmt: skip
         return replace(cell.as_cell(request.kind), warning=plant_difference(request.cell_file, request.object_name))
     except ConfigurationError as error:
@@ -95,8 +90,9 @@ def _open_served(request: CellRequest) -> Cell:
     simulator = Simulator(
         request.object_name, request.displacement, request.seed, lockstep=lockstep, faults=request.faults,
         cell_file=request.cell_file, profile=profile, frames=_tracker_frames(request),
+        sides=request.description.sides,
     )  # fmt: skip
-    return replace(_served_cell(request.kind, simulator, request.description, lockstep), warning=warning)
+    return replace(served_cell(request.kind, simulator, request.description, lockstep), warning=warning)
 
 
 def _tracker_frames(request: CellRequest) -> TrackerFrames:
@@ -107,29 +103,13 @@ def _tracker_frames(request: CellRequest) -> TrackerFrames:
         raise TrialError(f"the tracker of the cell's file: {error}") from None
 
 
-class _SimulatorLink:
-    """Both arms of a simulator of our own: it ends with them."""
-
-    def __init__(self, pair: "FciPair", simulator: Simulator, clock: "RobotClock | None") -> None:
-        self._pair = pair
-        self._simulator = simulator
-        self.start, self.move = pair.start, pair.move
-        self.wait = pair.wait if clock is None else clock.wait
-        self.stop, self.recover = pair.stop, pair.recover
-        self.set_collisions = pair.set_collisions
-
-    def close(self) -> None:
-        """Disconnect, end the simulator, and pass on what it says about its pace."""
-        self._pair.close()
-        self._simulator.close()
-        if self._simulator.report:
-            print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
-
-
-def _served_cell(kind: str, simulator: Simulator, description: CellDescription, lockstep: bool) -> Cell:
+def served_cell(kind: str, simulator: Simulator, description: CellDescription, lockstep: bool) -> Cell:
+    """Return the cell of a running simulator, which ends with it. lockstep: it waits for its answers. Raises
+    HardwareError."""
     try:
+        # brings pylibfranka, which not every Python has, and which a plant in this process does without
         from hal.fci import open_pair
-        from rtstack.cells.fci import approach_collisions, pad_tools
+        from rtstack.cells.fci import ClosingLink, approach_collisions, pad_tools
         from rtstack.cells.robot_clock import RobotClock
 
         pair = open_pair(
@@ -140,18 +120,17 @@ def _served_cell(kind: str, simulator: Simulator, description: CellDescription, 
         simulator.close()
         raise
     clock = None if lockstep else RobotClock(pair, ClockRelation())
-    link = _SimulatorLink(pair, simulator, clock)
-    sensors = () if clock is None else (clock,)
+
+    def end_simulator() -> None:
+        simulator.close()
+        if simulator.report:
+            print(f"simulated robot: {simulator.report}", file=sys.stderr)
+
+    link = ClosingLink(pair, pair.wait if clock is None else clock.wait, end_simulator)
     return Cell(
-        kind,
-        pair.left,
-        pair.right,
-        simulator.tracker,
-        link,
-        own_clocks=not lockstep,
-        sensors=sensors,
-        cycles=pair.cycles,
-    )
+        kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep,
+        sensors=() if clock is None else (clock,), cycles=pair.cycles,
+    )  # fmt: skip
 
 
 direct = CellKind(_open_direct, _check, _simulated)

@@ -14,7 +14,7 @@ from rtstack.cameras.source import CameraRequest
 _BEHIND = 300  # pictures that may wait to be drawn
 _LIGHT = 0.4  # from everywhere: what faces away from the camera is seen too
 _COLOURS = {"table": (0.45, 0.36, 0.28), "object": (0.9, 0.62, 0.0)}  # the scene's own are all one grey
-State = tuple[int, NDArray[np.float64], NDArray[np.float64] | None]  # t_ns, q (2, 7), object's pose (7,)
+State = tuple[int, NDArray[np.float64], NDArray[np.float64] | None]  # t_ns, q (arms, 7), object's pose (7,)
 
 
 class SimulatedCamera:
@@ -46,11 +46,11 @@ class SimulatedCamera:
         except Exception as error:  # mujoco raises what its GL backend raises
             raise OSError(f"no pictures can be drawn here (MUJOCO_GL={os.environ['MUJOCO_GL']}): {error}") from None
         self._period_ns = round(1e9 / camera.rate_hz)
-        self._readers = [request.rings.reader(f"/{side}/arm") for side in ("left", "right")]
+        self._readers = [request.rings.reader(f"/{side}/arm") for side in scene.sides]
         self._object = request.rings.reader("/object/pose")
         self._held = [reader.drain() for reader in (*self._readers, self._object)]
         if (pose := self._object.latest()) is not None:  # of a run that has begun
-            self._held[2] = pose
+            self._held[-1] = pose
         self._due_ns: int | None = None
         self._waiting: deque[State] = deque(maxlen=_BEHIND)
 
@@ -88,20 +88,19 @@ class SimulatedCamera:
         """Take the ticks that are due from what the loop has said since."""
         readers = (*self._readers, self._object)
         self._held = [np.concatenate([old, reader.drain()]) for old, reader in zip(self._held, readers, strict=True)]
-        left, right, seen = self._held
-        if not len(left) or not len(right):
+        *arms, seen = self._held
+        if not all(map(len, arms)):
             return
-        self._due_ns = int(left["t_ns"][0]) if self._due_ns is None else self._due_ns
-        until_ns = min(int(left["t_ns"][-1]), int(right["t_ns"][-1]))
+        first = arms[0]["t_ns"]
+        self._due_ns = int(first[0]) if self._due_ns is None else self._due_ns
+        until_ns = min(int(arm["t_ns"][-1]) for arm in arms)
         while self._due_ns <= until_ns:
-            k = int(np.searchsorted(left["t_ns"], self._due_ns))
-            t_ns = int(left["t_ns"][k])
-            other = min(int(np.searchsorted(right["t_ns"], t_ns)), len(right) - 1)
+            t_ns = int(first[np.searchsorted(first, self._due_ns)])
             known = int(np.searchsorted(seen["t_ns"], t_ns, side="right")) - 1
             pose = None
             if known >= 0 and seen["seen"][known]:
                 pose = np.concatenate([seen["position"][known], seen["orientation_wxyz"][known]])
-            self._waiting.append((t_ns, np.stack([left["q"][k], right["q"][other]]), pose))
+            self._waiting.append((t_ns, np.stack([_at(arm, t_ns)["q"] for arm in arms]), pose))
             self._due_ns += self._period_ns
         keep_ns = self._due_ns - self._period_ns
         self._held = [each[max(0, int(np.searchsorted(each["t_ns"], keep_ns)) - 1) :] for each in self._held]
@@ -109,3 +108,8 @@ class SimulatedCamera:
     def close(self) -> None:
         """See Camera."""
         self._renderer.close()
+
+
+def _at(records: NDArray[np.void], t_ns: int) -> np.void:
+    """Return the first record from this time on, or the last one."""
+    return records[min(int(np.searchsorted(records["t_ns"], t_ns)), len(records) - 1)]

@@ -12,13 +12,14 @@ from collections.abc import Iterator, Sequence
 from math import degrees
 from pathlib import Path
 
+from hal.base.realtime import robot_cpu
 from hal.displacement import Displacement
 from hal.errors import HardwareError
-from hal.realtime import robot_cpu
 from hal.tracker import TrackerFrames
 from hal.tracker_link import TrackerLink
 
 _FCI_PORT = 1337
+_SIDES = ("left", "right")
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _END_S = 5.0
 _pairs = itertools.count()
@@ -31,12 +32,13 @@ class Simulator:
     def __init__(
         self, object_name: str, displacement: Displacement | float, seed: int, *, lockstep: bool,
         faults: Path | None = None, cell_file: Path | None = None, profile: str = "ideal",
-        frames: TrackerFrames | None = None, more: Sequence[str] = (),
+        frames: TrackerFrames | None = None, more: Sequence[str] = (), sides: Sequence[str] = _SIDES,
     ) -> None:  # fmt: skip
         """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
 
         cell_file: of a lab, with objects of its own. profile: how honest it is (sim_robot.profile). frames: of its
-        tracker, as the cell's file has them. more: options of `rtstack sim`, as they are written there.
+        tracker, as the cell's file has them. more: options of `rtstack sim`, as they are written there. sides: the arms
+        that there are; `left`, `right`: their addresses, None of the one that is not there.
 
         Raises HardwareError with what it says.
         """
@@ -47,10 +49,14 @@ class Simulator:
         host, port = self.tracker.address
         # away from the loop, which takes the last CPU: server and loop together fill most of a period
         pace = ["--lockstep"] if lockstep else ["--cpu", str(robot_cpu())]
-        for self.left, self.right in _free_pairs():
+        only = [] if len(sides) > 1 else ["--only", *sides]
+        for pair in _free_pairs():
+            addresses = {side: address for side, address in zip(_SIDES, pair, strict=True) if side in sides}
+            self.left, self.right = map(addresses.get, _SIDES)
             command = [
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
-                "--left", self.left, "--right", self.right, "--object", object_name or "none",
+                *(f"--{side}={address}" for side, address in addresses.items()), *only,
+                "--object", object_name or "none",
                 f"--displacement-mm={shift.y_m * 1e3!r}", f"--displacement-x-mm={shift.x_m * 1e3!r}",
                 f"--yaw-deg={degrees(shift.yaw_rad)!r}", "--seed", str(seed), "--profile", profile,
                 *([] if cell_file is None else ["--cell-file", str(cell_file)]),

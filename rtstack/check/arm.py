@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.pad import Pad
 from hal.state import ArmState
 from rtstack.check.finding import Finding, finding

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.realtime import realtime_thread
+from hal.base.realtime import realtime_thread
 from rtstack.check.finding import Finding, finding
 
 _SYS = Path("/sys")

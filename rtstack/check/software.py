@@ -9,7 +9,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from hal.extras import published_for
+from hal.base.extras import published_for
 from rtstack.check.finding import Finding, finding
 
 _LOG_BYTES = 1e6  # a second of a log, and a trial has some ten of them

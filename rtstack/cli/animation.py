@@ -1,12 +1,14 @@
-"""The arms of a log as they moved, as an animated picture: the simulated camera looks at a log instead of a loop."""
+"""The arms of a log as they moved, as an animated picture: the simulated camera looks at the log."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from rtstack.cameras.source import CAMERAS, CameraRequest
 from rtstack.cells import default_cell_file
@@ -60,8 +62,14 @@ def animate(path: Path, target: Path, first_s: float, last_s: float) -> None:
         kind="simulated", position=tuple(EYE), orientation_wxyz=_looking(EYE, CENTRE), width=WIDTH, height=HEIGHT,
         rate_hz=rate_hz, fov_y_deg=40.0,
     )  # fmt: skip
-    request = CameraRequest("", camera, cast(Rings, rings), default_cell_file(), str(trial.get("object", "")))
+    described = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    folder = TemporaryDirectory()
     try:
+        cell_file = default_cell_file()
+        if described is not None:
+            cell_file = Path(folder.name) / "cell.toml"
+            cell_file.write_bytes(described)
+        request = CameraRequest("", camera, cast(Rings, rings), cell_file, str(trial.get("object", "")))
         eye = CAMERAS.load("simulated")(request)
         try:
             pictures = []
@@ -72,19 +80,19 @@ def animate(path: Path, target: Path, first_s: float, last_s: float) -> None:
         finally:
             eye.close()
         if not pictures:
-            raise LogError(f"{path}: no samples of both arms in this part of it")
+            raise LogError(f"{path}: no samples of its arms in this part of it")
         duration_ms = round(1e3 / rate_hz / pace)
         pictures[0].save(
             target, save_all=True, append_images=pictures[1:], duration=duration_ms, loop=0, quality=QUALITY, method=4
         )
     except OSError as error:
         raise LogError(f"cannot write {target}: {error.strerror}" if error.strerror else str(error)) from None
+    finally:
+        folder.cleanup()
 
 
 def _looking(eye: NDArray[np.float64], centre: NDArray[np.float64]) -> tuple[float, float, float, float]:
     """Return the orientation of optics whose z looks from eye to centre, with the world's z upwards in the picture."""
-    from scipy.spatial.transform import Rotation
-
     ahead = (centre - eye) / np.linalg.norm(centre - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

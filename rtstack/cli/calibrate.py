@@ -1,113 +1,159 @@
-"""`rtstack calibrate` and `rtstack wiggle`: where everything in a cell is, from points that the pads are led to."""
+"""`rtstack guide` leads both arms by hand, `rtstack calibrate` to points that the pads touch; `rtstack wiggle`."""
 
 import datetime
 import json as json_module
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from hal.cell import Cell
-from rtstack.calibration.cell_file import write
-from rtstack.calibration.outcome import Outcome, outcome
-from rtstack.calibration.points import Point, load_points, save_points
-from rtstack.cells import load_description, open_cell
-from rtstack.cli.hold_to_run import HoldToRun
-from rtstack.cli.interrupt import interruptible
-from rtstack.cli.tables import print_table
-from rtstack.identification.sweep import wiggle as wiggle_plan
-from rtstack.loop.watchdogs import Parent
-from rtstack.model.cell_description import CellDescription
-from rtstack.playback.run import NO_OBJECT
-from rtstack.samples import SIDES
-from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.cli.exit_status import fail
+from rtstack.cli.options import CellFile, CellKind, Json, Profile
 from rtstack.trials.errors import TrialError
-from rtstack.trials.guide import run_guide, where_arms_stand
-from rtstack.trials.motion import run_motion
-from rtstack.trials.run_context import RunContext
 
-FAILED = 1
+if TYPE_CHECKING:
+    from hal.cell import Cell
+    from rtstack.calibration.outcome import Outcome
+    from rtstack.calibration.points import Point
+    from rtstack.model.cell_description import CellDescription
+    from rtstack.trials.result import GuideResult
+
+commands = typer.Typer()
 LOOKS = 200  # states that a torque at rest is the mean of
 
 
-def wiggle(side: str, joint: int, cell_kind: str, cell_file: Path | None) -> None:
-    """Turn one joint (1 to 7) of the arm that the cell's file calls `side` by a degree and back, where it stands."""
-    description, source = load_description(cell_file)
-    hold = HoldToRun(cell_kind, description, source, led=True)
-    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source, led=True)
-    try:
-        with interruptible() as stop, hold.held(f"joint {joint} of the {side} arm by a degree", stop) as held:
-            parameters = cell_parameters(description)
-            q = where_arms_stand(description, cell).q
-            plan = wiggle_plan(arm_controllers(description, parameters), q, SIDES.index(side), joint - 1)
-            context = RunContext(stop=stop, watchdogs=(Parent(), *held))
-            reason, _ = run_motion(plan, description, parameters, cell, context)
-    finally:
-        cell.close()
-    if reason is not None:
-        typer.echo(f"rtstack: {reason}", err=True)
-        raise typer.Exit(FAILED)
-    typer.echo(
-        f"joint {joint} of the {side} arm has turned by a degree and back: was it the other arm that moved, then "
-        "exchange the addresses of [left] and [right], or the cables"
-    )
-
-
-def run_calibrate(
-    path: Path, cell_kind: str | None, cell_file: Path | None, seconds: float | None, into_file: bool, json: bool
+@commands.command()
+def guide(
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    cell_file: CellFile = None,
+    json: Json = False,
 ) -> None:
-    """Measure what is missing of the points, fit, print, and write; exit status 1 where the result is too coarse."""
-    description, source = load_description(cell_file)
-    points = load_points(path)
-    missing = [name for name, point in points.items() if not point.measured]
-    if missing and cell_kind is None:
-        raise TrialError(f"{path}: {', '.join(missing)} still to be measured: name the arms with --cell")
-    if into_file and cell_file is None:
-        raise TrialError("name the file that is to be written with --cell-file")
-    if missing and cell_kind is not None:
-        points = _measured(path, points, missing, cell_kind, description, source, seconds)
+    """Let a person move both arms by hand, also back from beyond a limit, until Ctrl-C or the key that is let go."""
+    from rtstack.cli.terminal import Terminal, report
+    from rtstack.trials.move import PreparedGuide
+    from rtstack.trials.specification import GuideSpecification
+
+    host = Terminal.of(cell, profile, cell_file, "moving by hand", led=True)
+    result = host.run(PreparedGuide(GuideSpecification(seconds), host.description))
+    report(result, json, "\n".join(_lines(result, host.description.sides)))
+
+
+def _lines(result: "GuideResult", sides: Sequence[str]) -> list[str]:
+    ended = "let go" if result.success else f"stopped: {result.failure_reason}"
+    inside = f"{'both arms are' if len(sides) == 2 else 'the arm is'} inside the cell's limits"
+    if result.beyond_after:
+        inside = "still beyond a limit: the same command again leads on"
+    pads = [
+        f"{side} pad at x {x:.4f}, y {y:.4f}, z {z:.4f} m" for side, (x, y, z) in zip(sides, result.pads, strict=True)
+    ]
+    return [f"{ended} | {inside}", *result.beyond_after, *pads]
+
+
+@commands.command()
+def wiggle(
+    side: Annotated[str, typer.Argument(metavar="left|right", help="Which arm, as the cell's file calls it.")],
+    joint: Annotated[int, typer.Option(help="Which joint.", min=1, max=7)] = 1,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    cell_file: CellFile = None,
+) -> None:
+    """Turn one joint of an arm by a degree and back, so that a person sees which one is the left arm."""
+    from rtstack.cli.terminal import Terminal
+    from rtstack.identification.sweep import PreparedWiggle
+    from rtstack.trials.specification import SweepSpecification
+
+    if side not in ("left", "right"):
+        raise typer.BadParameter(f"{side}: left or right")
+    host = Terminal.of(cell, profile, cell_file, f"joint {joint} of the {side} arm by a degree", led=True)
+    description = host.description
+    if side not in description.sides:
+        raise TrialError(f"the cell {description.name} has no {side} arm: it has {' and '.join(description.sides)}")
+    prepared = PreparedWiggle(SweepSpecification("", joint, 0), description, description.sides.index(side))
+    result = host.run(prepared)
+    if not result.success:
+        fail(str(result.failure_reason))
+    other = ": was it the other arm that moved, then exchange the addresses of [left] and [right], or the cables"
+    done = f"joint {joint} of the {side} arm has turned by a degree and back"
+    typer.echo(done + other * (len(description.sides) == 2))
+
+
+@commands.command()
+def calibrate(
+    points: Annotated[Path, typer.Argument(metavar="POINTS.toml", help="What is touched; what was measured is kept.")],
+    cell: Annotated[
+        str | None, typer.Option(help="The arms that are led to the points still to be measured, as by `guide`.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Lead to each point for so long at most.", min=0.1)] = None,
+    write: Annotated[bool, typer.Option("--write", help="Put the result into the cell's file.")] = False,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Find bases, tracker, pads and payloads from points that the pads touch, and say how well."""
+    from rtstack.calibration.fit import CalibrationError
+    from rtstack.calibration.outcome import outcome
+    from rtstack.calibration.points import check_arms, load_points
+    from rtstack.calibration.points import write as write_cell_file
+    from rtstack.cells import load_description
+
+    description, source = load_description(cell_file, cell or "")
+    known = load_points(points)
     try:
-        found = outcome(points, description, datetime.date.today())
+        check_arms(known, description)
+    except CalibrationError as error:
+        raise TrialError(f"{points}: {error}") from None
+    missing = [name for name, point in known.items() if not point.measured(description.sides)]
+    if missing and cell is None:
+        raise TrialError(f"{points}: {', '.join(missing)} still to be measured: name the arms with --cell")
+    if write and cell_file is None:
+        raise TrialError("name the file that is to be written with --cell-file")
+    if missing and cell is not None:
+        known = _measured(points, known, missing, cell, description, source, seconds)
+    try:
+        found = outcome(known, description, datetime.date.today())
     except TrialError as error:
-        raise TrialError(f"{path}: {error}") from None
+        raise TrialError(f"{points}: {error}") from None
     if json:
         typer.echo(json_module.dumps(found.document()))
     else:
         _print(found)
     if found.refusal is not None:
-        typer.echo(f"rtstack: {found.refusal}", err=True)
-        raise typer.Exit(FAILED)
-    if into_file:
-        write(source, found.values)
+        fail(found.refusal)
+    if write:
+        write_cell_file(source, found.values)
     if not json:
-        typer.echo(f"written: {source}" if into_file else "nothing is written; --write puts it into the cell's file")
+        typer.echo(f"written: {source}" if write else "nothing is written; --write puts it into the cell's file")
 
 
 def _measured(
-    path: Path, points: dict[str, Point], missing: list[str], cell_kind: str, description: CellDescription,
+    path: Path, points: "dict[str, Point]", missing: list[str], kind: str, description: "CellDescription",
     source: Path, seconds: float | None,
-) -> dict[str, Point]:  # fmt: skip
+) -> "dict[str, Point]":  # fmt: skip
     """Let a person lead the pads to each missing point, and write the file after each."""
+    from rtstack.calibration.points import save_points
+    from rtstack.cli.terminal import Terminal
+    from rtstack.trials.move import PreparedGuide
+    from rtstack.trials.specification import GuideSpecification
+
     points = dict(points)
-    hold = HoldToRun(cell_kind, description, source, led=True)
-    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source, led=True)
-    try:
+    host = Terminal(kind, description, source, "", led=True)
+    prepared = PreparedGuide(GuideSpecification(seconds), description)
+    with host.kept_cell(prepared) as cell:
         for number, name in enumerate(missing, 1):
             while True:
-                what = f"point {number} of {len(missing)}, {name}: {points[name].asked}"
-                typer.echo(what, err=True)
-                with interruptible() as stop, hold.held(what, stop) as held:
-                    context = RunContext(stop=stop, watchdogs=(Parent(), *held))
-                    result = run_guide(description, cell, context, seconds)
+                host.what = f"point {number} of {len(missing)}, {name}: {points[name].asked}"
+                typer.echo(host.what, err=True)
+                result = host.run(prepared)
                 if not result.success:
                     raise TrialError(f"{name}: {result.failure_reason}; the points before it are in {path}")
                 if _taken():
                     break
             points[name] = _looked_at(points[name], cell)
             save_points(path, points)
-    finally:
-        cell.close()
     return points
 
 
@@ -123,18 +169,20 @@ def _taken() -> bool:
             return answer != "r"
 
 
-def _looked_at(point: Point, cell: Cell) -> Point:
+def _looked_at(point: "Point", cell: "Cell") -> "Point":
     """Return the point as the arms stand now."""
-    q, tau = np.zeros((2, 7)), np.zeros((2, 7))
+    q, tau = np.zeros((len(cell.arms), 7)), np.zeros((len(cell.arms), 7))
     for _ in range(LOOKS):
-        for side, arm in enumerate((cell.left, cell.right)):
+        for side, arm in enumerate(cell.arms):
             state = arm.read()
             q[side] += state.q / LOOKS
             tau[side] += state.tau_ext_hat_filtered / LOOKS
-    return point.taken(q, tau)
+    return point.taken(q, tau, cell.sides)
 
 
-def _print(found: Outcome) -> None:
+def _print(found: "Outcome") -> None:
+    from rtstack.cli.tables import print_table
+
     rows = [(name, f"{1e3 * away:.2f}", "") for name, away in found.fit.residuals.items()]
     rows += [(name, f"{1e3 * away:.2f}", "WRONG: left out") for name, away in found.fit.wrong.items()]
     print_table(("point", "off by, mm", ""), rows, "")

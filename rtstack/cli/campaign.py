@@ -4,69 +4,114 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rtstack.experiments.experiment import Experiment, Request, Results
-from rtstack.experiments.registry import kind_named, kind_of, plan_file
-from rtstack.experiments.report import Report
-from rtstack.experiments.store import Store, check_folder
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.interrupt import handled
+from rtstack.cli.options import CellFile, Profile
 from rtstack.trials.errors import TrialError
 
-if TYPE_CHECKING:  # Dask is loaded once there is work
+if TYPE_CHECKING:
+    from rtstack.cli.terminal import Terminal
+    from rtstack.experiments.experiment import Experiment, Request
+    from rtstack.experiments.report import Report
     from rtstack.experiments.runner import Tally
 
-INTERRUPTED = FAILED = 1
+commands = typer.Typer()
 
 
+@commands.command()
 def campaign(
-    name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool,
-    logs: str | None = None, cell_file: Path | None = None, profile: str | None = None,
-    data: Path | None = None,
-) -> None:  # fmt: skip
-    """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report.
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="A plan in deploy/campaigns, such as reference-spreading.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where references, logs, results and report go.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A sample of it, which takes some minutes.")] = False,
+    workers: Annotated[int | None, typer.Option(help="Processes on this machine; one a CPU.", min=1, max=256)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in DIR.")] = False,
+    logs: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Keep references and logs there, not in DIR: s3://BUCKET/PREFIX."),
+    ] = None,
+    cell: Annotated[
+        str | None,
+        typer.Option(help="direct (the default); lockstep: over the wire, with the same rows; fci:LEFT,RIGHT: arms."),
+    ] = None,
+    cell_file: CellFile = None,
+    profile: Profile = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Measurements of others, for the campaign reality.")
+    ] = None,
+) -> None:
+    """Run many trials and write what they show: figures, tables, and each claim with a verdict."""
+    from rtstack.experiments.experiment import Request
+    from rtstack.experiments.registry import plan_file
+    from rtstack.experiments.store import check_folder
 
-    logs: where recordings and logs go, if not to `out`: an address that fsspec knows, such as s3://BUCKET/PREFIX.
-    cell_file: of a lab, with objects of its own. profile: of the simulated robot, under all conditions of the plan.
-    data: measurements of others, a folder.
-    """
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
-    request = Request(
-        plan_file(name), out.resolve(), logs, cell_file.resolve() if cell_file is not None else None, profile,
-        data.resolve() if data is not None else None,
-    )  # fmt: skip
-    experiment = _opened(name, request, quick)
+    cell_file, data = (each and each.resolve() for each in (cell_file, data))
+    options = {"cell": cell, "logs": logs, "cell_file": cell_file, "profile": profile, "data": data}
+    given = {name: value for name, value in options.items() if value is not None}
+    request = Request(plan_file(name), out.resolve(), **given)
+    experiment = _opened(name, request, quick, given)
     check_folder(experiment, resume)
-    again = f"rtstack campaign {name} --out {request.out}{' --quick' * quick} --resume"
-    again += (f" --logs {logs}" if logs else "") + (f" --cell-file {request.cell_file}" if request.cell_file else "")
-    again += (f" --profile {profile}" if profile else "") + (f" --data {data}" if data else "")
+    more = "".join(f" --{option.replace('_', '-')} {value}" for option, value in given.items())
+    again = f"rtstack campaign {name} --out {request.out}{' --quick' * quick} --resume{more}"
+    host = _arms(experiment, name)
     with _resumable(again):
-        _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler)
+        _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler, host)
 
 
-def _opened(name: str, request: Request, quick: bool) -> Experiment[Any, Any]:
+def _opened(name: str, request: "Request", quick: bool, given: Iterable[str]) -> "Experiment[Any, Any]":
+    """Return the campaign. given: the options of the command line that not every kind takes."""
+    from rtstack.experiments.registry import kind_named, kind_of
+
     kind = kind_named(kind_of(request.file.path))
-    for option, given in (("logs", request.logs), ("cell_file", request.cell_file), ("profile", request.profile),
-                          ("data", request.data)):  # fmt: skip
-        if given is not None and option not in kind.options:
+    for option in given:
+        if option not in kind.options:
             taken = ", ".join(f"--{each.replace('_', '-')}" for each in sorted(kind.options)) or "none of these options"
             raise TrialError(f"--{option.replace('_', '-')}: {name} takes none; it takes {taken}")
     return kind(kind.read(request.file.path, quick), request)
 
 
-def _run(experiment: Experiment[Any, Any], workers: int, scheduler: str | None) -> None:
+def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
+    """Return the terminal at whose arms the cases run, None where they run in the simulator. Raises TrialError."""
+    from rtstack.experiments.experiment import SIMULATED, Experiment
+
+    request = experiment.request
+    if request.cell in SIMULATED:
+        return None
+    if type(experiment).on_cell is Experiment.on_cell:
+        raise TrialError(f"--cell {request.cell}: {name} runs in the simulator: direct, or lockstep")
+    if request.logs is not None:
+        raise TrialError("--logs: on arms the logs go to --out; copy them once they are there")
+    from rtstack.cli.terminal import Terminal
+
+    host = Terminal.of(request.cell, None, request.cell_file, f"the campaign {name}")
+    host.check()
+    return host
+
+
+def _run(experiment: "Experiment[Any, Any]", workers: int, scheduler: str | None, host: "Terminal | None") -> None:
+    from rtstack.experiments.cell_runner import CellRunner
+    from rtstack.experiments.experiment import Results
     from rtstack.experiments.preliminary import Preliminary
     from rtstack.experiments.progress import campaign_progress
     from rtstack.experiments.report import write_report
     from rtstack.experiments.runner import Runner
+    from rtstack.experiments.store import Store
     from rtstack.experiments.workers import distant_workers, local_workers, slots
 
     with distant_workers(scheduler) if scheduler else local_workers(workers) as client:
@@ -75,7 +120,8 @@ def _run(experiment: Experiment[Any, Any], workers: int, scheduler: str | None) 
         with Store(experiment.request.out, experiment.columns) as store:
             store.claim(experiment)
             with campaign_progress(store.out) as progress:
-                runner = Runner(experiment, store, client, progress, Preliminary(experiment, store))
+                parts = experiment, store, client, progress, Preliminary(experiment, store)
+                runner = Runner(*parts) if host is None else CellRunner(*parts, host=host)
                 try:
                     runner.run()
                 finally:
@@ -91,7 +137,7 @@ def _run(experiment: Experiment[Any, Any], workers: int, scheduler: str | None) 
     end(page, tally.failures, report)
 
 
-def _pace(experiment: Experiment[Any, Any], tally: "Tally", at_once: int) -> str:
+def _pace(experiment: "Experiment[Any, Any]", tally: "Tally", at_once: int) -> str:
     unit = experiment.unit
     if not tally.rows:
         return f"no {unit.removesuffix('s')} was missing"
@@ -101,7 +147,7 @@ def _pace(experiment: Experiment[Any, Any], tally: "Tally", at_once: int) -> str
     )
 
 
-def end(page: Path, failures: Mapping[str, str], report: Report) -> None:
+def end(page: Path, failures: Mapping[str, str], report: "Report") -> None:
     """Say where the report is and what could not be run, and why. Exits with 1 for that, or as the report says."""
     print(f"report: {page}", flush=True)
     for line in report.warnings:
@@ -116,29 +162,18 @@ def end(page: Path, failures: Mapping[str, str], report: Report) -> None:
 
 @contextmanager
 def _resumable(again: str) -> Iterator[None]:
-    """End the program in order at Ctrl-C, with the command that goes on."""
-    with _interruptible():
-        try:
-            yield
-        except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            print(f"rtstack: interrupted; go on with: {again}", file=sys.stderr)
-            sys.stderr.flush()
-            os._exit(INTERRUPTED)
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM break the work off in order; a second one ends the program at once."""
+    """End the program in order at Ctrl-C or SIGTERM, with the command that goes on; a second one ends it at once."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    previous = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        with handled(interrupt):
+            yield
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        print(f"rtstack: interrupted; go on with: {again}", file=sys.stderr)
+        sys.stderr.flush()
+        os._exit(FAILED)

@@ -1,62 +1,56 @@
-"""`rtstack check`: what is missing on this machine and what it costs; with two addresses also the link."""
+"""`rtstack check`: what is missing on this machine and what it costs; with the arms' addresses also the link."""
 
 import json as json_module
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 import typer
 
-from hal.cell import Cell
-from hal.configuration import ConfigurationError
-from hal.errors import HardwareError
-from rtstack.bench.hold import GOOD_RAD, ArmMoved, HoldEnded
-from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
-from rtstack.cells import default_cell_file, load_description, open_cell
-from rtstack.check.arm import Felt, resting_findings
-from rtstack.check.finding import Finding, finding
+from hal.base.configuration import ConfigurationError
+from rtstack.check.finding import Finding
 from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, gripper_finding, interface_finding
 from rtstack.check.software import software_findings
-from rtstack.cli.hold_to_run import HoldToRun
-from rtstack.cli.interrupt import interruptible
-from rtstack.log.lateness import Blame, Lateness
-from rtstack.loop.session import StopSignal
-from rtstack.model.cell_description import CellDescription
-from rtstack.samples import SIDES
-from rtstack.trials.errors import TrialError
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.options import CellFile, Json, LeftArm, LogsWritten, RightArm
 
-FAILED = 1
-LINK_TICKS = 10_000
-GOOD_LATE_SHARE = 1e-3  # ours: with them at random, 20 in a row never come
-_LATE = {
-    Blame.HOST: "keep the host for the loop: `sudo rtstack host-setup`; `rtstack review LOG` says what it did",
-    Blame.WIRE: "a cable from a network card of its own to each box, no switch; see docs/howto/lateness.md",
-    Blame.ROBOT: "the box itself was late: its logs in Desk, and Franka's support",
-    Blame.ROBOT_OR_WIRE: "look at the cable first: see docs/howto/lateness.md",
-}
-_TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange; do not touch an arm meanwhile"
+if TYPE_CHECKING:
+    from rtstack.model.cell_description import CellDescription
+
+commands = typer.Typer()
 
 
-def check(left: str | None, right: str | None, cell_file: Path | None, logs: Path, json: bool) -> None:
-    """Report, one line a finding; exit status 1 when something that is required is missing. Raises TrialError."""
-    if (left is None) != (right is None):
-        raise TrialError("a link test needs both arms: give --left and --right")
+@commands.command()
+def check(
+    left: LeftArm = None,
+    right: RightArm = None,
+    cell_file: CellFile = None,
+    logs: LogsWritten = Path("logs"),
+    json: Json = False,
+) -> None:
+    """Say what this machine lacks, and what that costs; with their addresses hold the arms and judge the link."""
+    arms = {side: address for side, address in (("left", left), ("right", right)) if address is not None}
+    kind = f"fci:{arms.get('left', '')}" + f",{right}" * (right is not None) if arms else ""
+    if arms:
+        from rtstack.cells.fci import fci_addresses  # and with it pylibfranka, which not every Python has
+
+        fci_addresses(kind)
     findings = host_findings() + software_findings(logs)
-    cell, description = _cell(cell_file)
+    cell, description = _cell(cell_file, kind)
     findings.append(cell)
-    if left is not None and right is not None:
-        findings += _arm_findings(left, right, description, cell_file)
+    if arms:
+        findings += _arm_findings(arms, kind, description, cell_file)
     if json:
         typer.echo(json_module.dumps({"findings": [asdict(finding) for finding in findings]}))
     else:
-        for line in table(findings):
+        for line in _table(findings):
             typer.echo(line)
     if any(finding.verdict == "fail" for finding in findings):
         raise typer.Exit(FAILED)
 
 
-def table(findings: list[Finding]) -> list[str]:
+def _table(findings: list[Finding]) -> list[str]:
     """Return the lines that a person reads: the facts, then what is missing, with what it costs and what to do."""
     width = max(len(finding.name) for finding in findings)
     lines = []
@@ -70,16 +64,19 @@ def table(findings: list[Finding]) -> list[str]:
     return lines
 
 
-def _cell(path: Path | None) -> tuple[Finding, CellDescription | None]:
+def _cell(path: Path | None, kind: str) -> "tuple[Finding, CellDescription | None]":
+    from rtstack.cells import load_description
+
     try:
-        description, source = load_description(path)
+        description, source = load_description(path, kind)
     except ConfigurationError as error:
         return Finding("cell", str(error), "fail", "correct the file", "nothing starts with it"), None
     return Finding("cell", f"{description.name}, {source}", "pass"), description
 
 
-def _arm_findings(left: str, right: str, description: CellDescription | None, cell_file: Path | None) -> list[Finding]:
-    arms, kind = {"left": left, "right": right}, f"fci:{left},{right}"
+def _arm_findings(
+    arms: dict[str, str], kind: str, description: "CellDescription | None", cell_file: Path | None
+) -> list[Finding]:
     findings = [interface_finding(f"way to {side}", address) for side, address in arms.items()]
     findings += [arm_finding(f"{side} arm", address) for side, address in arms.items()]
     if any(finding.verdict == "fail" for finding in findings):
@@ -87,77 +84,6 @@ def _arm_findings(left: str, right: str, description: CellDescription | None, ce
     findings += [gripper_finding(f"{side} gripper", address) for side, address in arms.items()]
     if description is None:
         return findings
+    from rtstack.cli.link import link_findings
+
     return findings + link_findings(kind, description, cell_file=cell_file)
-
-
-def link_findings(
-    kind: str, description: CellDescription, ticks: int = LINK_TICKS, cell_file: Path | None = None
-) -> list[Finding]:
-    """Hold both arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
-
-    Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run).
-    """
-    cell: Cell | None = None
-    try:
-        hold = HoldToRun(kind, description, cell_file or default_cell_file())
-        cell = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
-        with interruptible() as stop, hold.held(f"hold of both arms for {ticks * 1e-3:g} s", stop):
-            found = held_findings(cell, ticks, description, stop)
-        return found + [
-            Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
-            for _ in range(bool(cell.warning))
-        ]
-    except TrialError as error:
-        return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
-    except HardwareError as error:
-        return [Finding("link", "broken", "fail", str(error), "no motion")]
-    finally:
-        if cell is not None:
-            cell.close()
-
-
-def held_findings(
-    cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None
-) -> list[Finding]:
-    """Judge an open cell and what its arms say while they are held; the arms are stopped then.
-
-    Raises HardwareError when the link breaks.
-    """
-    try:
-        figures = bench_link(cell, ticks, description, stop)
-    except HoldEnded as error:
-        return [Finding("hold", str(error), "fail", "hold the key until it is over", "nothing was judged")]
-    except ArmMoved as error:
-        cost = "the arm falls, or rises, as soon as torque control starts"
-        return [Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)]
-    value = f"within {max(figures.hold_rad):.4f} rad and {max(figures.hold_rad_s):.3f} rad/s"
-    value += f", with {max(figures.hold_nm):.1f} Nm at most"
-    cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
-    found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL), _link(figures)]
-    found += [_late(figures.lateness)] if figures.lateness is not None else []
-    arms, mountings = (cell.left, cell.right), (description.left, description.right)
-    for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
-        felt = Felt(
-            *(np.array(rows[k]) for rows in (figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean))
-        )
-        found += resting_findings(SIDES[k], arm.read(), felt, mounting, description.pad)
-    return found
-
-
-def _late(lateness: Lateness) -> Finding:
-    """Judge who was late: the advice is for whose share is the largest."""
-    shares = lateness.shares
-    advice = _LATE[Blame(max(shares, key=lambda name: shares[name]))] if shares else ""
-    cost = "a late answer is a lost one; 20 in a row stop the arm"
-    good = len(lateness.late) <= GOOD_LATE_SHARE * lateness.cycles
-    return finding("late cycles", lateness.line, good, cost, advice)
-
-
-def _link(figures: LinkBenchmark) -> Finding:
-    means, lows = figures.success_rate_mean, figures.success_rate_min
-    value = f"success rate {means[0]:.3f} left, {means[1]:.3f} right, at least {min(lows):.2f}"
-    value += f"; answered within {max(figures.answer_us_p99):.0f} us at p99"
-    if figures.verdict == "pass":
-        return Finding("link", value, "pass")
-    advice = f"below {GOOD_SUCCESS}: a network and a host for the arms alone"
-    return Finding("link", value, figures.verdict, advice, "a lost packet is a torque that comes too late")

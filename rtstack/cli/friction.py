@@ -1,34 +1,65 @@
-"""`rtstack identify-friction`: everything is checked before an arm moves; a run that is complete is not made again."""
+"""`rtstack identify-friction` and `rtstack excite`: runs in free space, from which arms are identified."""
 
-from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hal.cell import Cell
-from rtstack.cells import load_description, open_cell
-from rtstack.cli.hold_to_run import HoldToRun
-from rtstack.cli.interrupt import interruptible
-from rtstack.cli.progress import progress_bar
-from rtstack.identification.procedure import Identification, SweepRun, lowest_object, runs_of
-from rtstack.log.errors import LogError
-from rtstack.loop.watchdogs import Parent
-from rtstack.model.cell_description import CellDescription
+from rtstack.cli.exit_status import fail
+from rtstack.cli.options import CellFile, CellKind, Profile, Seed
 from rtstack.trials.errors import TrialError
-from rtstack.trials.friction import ArmFriction, friction_toml
-from rtstack.trials.record import open_log
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.start_motion import start_motion
 
-FAILED = 1
+if TYPE_CHECKING:
+    from rtstack.trials.friction import ArmFriction
+
+commands = typer.Typer()
+ALL_JOINTS = 0  # of SweepSpecification
 
 
-def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path | None, runs: int) -> None:
-    """Identify the friction of a cell's arms and write it to `output`, which must not exist yet.
+@commands.command()
+def excite(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The log to write.")],
+    run: Annotated[int, typer.Option(help="Each has other phases.", min=0, max=1000)] = 0,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    seed: Seed = 0,
+    cell_file: CellFile = None,
+) -> None:
+    """Move all joints of both arms at once, in free space: what `rtstack twin` needs to identify them."""
+    from rtstack.cli.terminal import Terminal
+    from rtstack.identification.procedure import lowest_object, uncompensated
+    from rtstack.identification.sweep import all_joints
+    from rtstack.trials.assembly import arm_controllers
+    from rtstack.trials.motion import PreparedMotion
+    from rtstack.trials.specification import SweepSpecification
 
-    The logs of the runs are kept beside it, and what is missing of them is made when the command is given again.
-    """
-    description, source = load_description(cell_file)
+    host = Terminal.of(cell, profile, cell_file, "motion of all joints", log_path=output)
+    description = host.description
+    parameters = uncompensated(description)
+    plan = all_joints(description, arm_controllers(description, parameters), run)
+    specification = SweepSpecification(lowest_object(description), ALL_JOINTS, run, seed)
+    result = host.run(PreparedMotion(specification, description, plan, parameters, 1000 * run + seed))
+    if not result.success:
+        fail(str(result.failure_reason))
+    typer.echo(f"{output}: {result.columns.arm.shape[1] * 1e-3:.1f} s; `rtstack twin` reads it")
+
+
+@commands.command("identify-friction")
+def identify_friction(
+    output: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The file to write; logs go beside it.")],
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    seed: Seed = 0,
+    runs: Annotated[int, typer.Option(help="Runs of each joint.", min=1, max=20)] = 2,
+    cell_file: CellFile = None,
+) -> None:
+    """Move one joint after the other, with the object out of the way, and write both arms' friction."""
+    from rtstack.cli.terminal import Terminal
+    from rtstack.identification.procedure import Identification, lowest_object, runs_of, sweep_log
+    from rtstack.trials.friction import friction_toml
+
+    host = Terminal.of(cell, profile, cell_file, "friction identification", bar="friction identification")
+    description = host.description
     if output.suffix != ".toml":
         raise TrialError(f"{output}: a friction's file is a .toml")
     if output.exists():
@@ -37,60 +68,32 @@ def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path |
         raise TrialError(f"cannot write {output}: the folder {output.parent} does not exist")
     identification = Identification(description)
     logs = output.with_name(f"{output.stem}-logs")
-    missing = [
+    missing = [  # an interrupted command keeps its logs, and is given again
         run for run in runs_of(lowest_object(description), runs, seed)
-        if not identification.take_log(run, logs / run.file)
+        if not identification.take_log(run, logs / sweep_log(run))
     ]  # fmt: skip
-    hold = HoldToRun(cell_kind, description, source)
+    host.check()
     logs.mkdir(exist_ok=True)
-    with (
-        interruptible() as stop,
-        hold.held("friction identification", stop) as held,
-        progress_bar("friction identification", True) as progress,
-    ):
+    with host.held() as context:
         for k, run in enumerate(missing):
-            cell = open_cell(
-                cell_kind, run.specification.object, 0.0, seed, description, noise_seed=_noise(run), cell_file=source
-            )
-            try:
-                context = RunContext(stop=stop, watchdogs=(Parent(), *held))
-                reason = _make(identification, run, cell, cell_kind, description, source, logs, context)
-            finally:
-                cell.close()
-            if stop.stop_requested:
-                typer.echo("rtstack: interrupted; give the same command again to go on", err=True)
-                raise typer.Exit(FAILED)
-            if reason is not None:
-                typer.echo(f"rtstack: joint {run.specification.joint}: {reason}", err=True)
-                raise typer.Exit(FAILED)
-            if progress is not None:
-                progress((k + 1) / len(missing))
+            host.log_path = logs / sweep_log(run)
+            result = host.run(identification.prepared(run))
+            if context.stop is not None and context.stop.stop_requested:
+                fail("interrupted; give the same command again to go on")
+            if not result.success:
+                fail(f"joint {run.joint}: {result.failure_reason}")
+            identification.take(run.joint, result.columns)
+            if context.progress is not None:
+                context.progress((k + 1) / len(missing))
     file = identification.file(description.name, seed)
     output.write_text(friction_toml(file), encoding="utf-8")
     for side, arm in (("left", file.left), ("right", file.right)):
-        typer.echo(f"{side}: " + _line(arm))
+        if arm is not None:
+            typer.echo(f"{side}: " + _line(arm))
     typer.echo(f"written: {output}; name it in the cell's file (joint_friction = {output.name!r}), or with --friction")
 
 
-def _make(
-    identification: Identification, run: SweepRun, cell: Cell, cell_kind: str, description: CellDescription,
-    source: Path, logs: Path, context: RunContext,
-) -> str | None:  # fmt: skip
-    """Make one run; a log of one that was broken off is written over."""
-    way = start_motion(cell, description, "")
-    try:
-        log = open_log(logs / run.file, run.specification, description, cell_kind, source, overwrite=True)
-    except LogError as error:
-        raise TrialError(str(error)) from None
-    return identification.run(run, cell, replace(context, log=log), way)
-
-
-def _noise(run: SweepRun) -> int:
-    """The same robot, seen through other noise in each run."""
-    return 1000 * run.specification.run + run.specification.joint
-
-
-def _line(arm: ArmFriction) -> str:
+def _line(arm: "ArmFriction") -> str:
     worst = max(range(len(arm.rms_nm)), key=lambda j: arm.rms_nm[j])
     return (
         f"p1 {' '.join(f'{p:.2f}' for p in arm.p1)} Nm; gravity off by "

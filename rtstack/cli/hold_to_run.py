@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hal.realtime import beside_realtime
+from hal.base.realtime import beside_realtime
 from rtstack.cells import kind_of
 from rtstack.cli.interrupt import Interrupt
 from rtstack.loop.end import End

@@ -1,38 +1,55 @@
-"""`rtstack host-setup`: makes a PC one that two arms can rely on, after showing what it would do."""
+"""`rtstack host-setup`: makes a PC one that arms can rely on, after showing what it would do."""
 
 import sys
 from importlib.resources import files
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from deploy.host import Change, Command, HostSetupError, Interface, Journal, Machine, Wishes, make_plan
-from hal.configuration import ConfigurationError
+from deploy.host.changes import Change
+from deploy.host.journal import Journal
+from deploy.host.machine import HostSetupError, Machine
+from deploy.host.plan import Interface, Wishes, make_plan
+from hal.base.configuration import ConfigurationError
+from rtstack.cli.exit_status import fail
 from rtstack.cli.interrupt import interruptible
 
-FAILED = 1
+commands = typer.Typer()
 _PREFIX = "/opt/rtstack/bin/"  # as the units have it
 _UNITS = (".service", ".timer")
 
 
+@commands.command("host-setup")
 def host_setup(
-    users: list[str], nics: list[str], isolate: int | None, kernel: str, units: bool, root: Path, dry_run: bool,
-    undo: bool, force: bool,
-) -> None:  # fmt: skip
-    """Show, apply or undo. Raises ConfigurationError; exit status 1 where it was interrupted."""
+    user: Annotated[list[str] | None, typer.Option(help="Who may run the stack at a terminal; repeat it.")] = None,
+    nic: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=ADDR/PREFIX", help="Interface for the arms; repeat it.")
+    ] = None,
+    isolate: Annotated[
+        int | None, typer.Option(help="CPUs for the loop alone; by default one, where there are four.", min=0)
+    ] = None,
+    kernel: Annotated[str, typer.Option(help="rt (PREEMPT_RT) or generic.")] = "generic",
+    units: Annotated[bool, typer.Option("--units", help="Install the systemd units too.")] = False,
+    root: Annotated[Path, typer.Option(metavar="DIR", help="Another machine's files.", readable=False)] = Path("/"),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show every change, and make none.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Put back exactly what was there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Undo also what was changed since.")] = False,
+) -> None:
+    """Set this PC up for the arms: limits, CPU isolation, governor, network; as root."""
     try:
         machine = Machine(root)
         if undo:
             _undo(machine, dry_run, force)
             return
         texts = unit_texts() if units else {}
-        interfaces = tuple(Interface.parse(nic) for nic in nics)
+        interfaces = tuple(Interface.parse(each) for each in nic or [])
         if kernel not in ("rt", "generic"):
             raise HostSetupError(f"--kernel {kernel}: choose rt or generic")
-        plan = make_plan(machine, Wishes(tuple(users), interfaces, isolate, kernel, texts))
+        plan = make_plan(machine, Wishes(tuple(user or []), interfaces, isolate, kernel, texts))
         for change in plan.changes:
             typer.echo(f"# {change.why}")
-            typer.echo(shown(machine, change), nl=False)
+            typer.echo(change.shown(machine), nl=False)
         if dry_run:
             typer.echo(f"{len(plan.changes)} changes, none of them made" if plan.changes else "nothing to change")
         else:
@@ -43,24 +60,11 @@ def host_setup(
         raise ConfigurationError(str(error)) from None
 
 
-def unit_texts(prefix: str = "") -> dict[str, str]:
-    """Return the units by name, starting the program of this installation (prefix: of another one)."""
-    program = prefix or f"{Path(sys.executable).parent}/"
+def unit_texts() -> dict[str, str]:
+    """Return the units by name, starting the program of this installation."""
+    program = f"{Path(sys.executable).parent}/"
     found = sorted(files("deploy.units").iterdir(), key=lambda unit: unit.name)
     return {u.name: u.read_text().replace(_PREFIX, program) for u in found if u.name.endswith(_UNITS)}
-
-
-def shown(machine: Machine, change: Change) -> str:
-    """Return a change as a diff, or a command line."""
-    if isinstance(change, Command):
-        return change.shown()
-    try:
-        before = machine.at(change.path).read_bytes()
-    except FileNotFoundError:
-        before = None
-    except OSError as error:
-        raise HostSetupError(f"{change.path}: {error.strerror}; run it as root") from None
-    return change.shown(before)
 
 
 def apply_changes(machine: Machine, changes: tuple[Change, ...]) -> None:
@@ -70,8 +74,7 @@ def apply_changes(machine: Machine, changes: tuple[Change, ...]) -> None:
         for _ in Journal(machine).apply(changes):
             done += 1
             if interrupt.stop_requested and done < len(changes):
-                typer.echo(f"rtstack: interrupted after {done} changes: --undo takes them back", err=True)
-                raise typer.Exit(FAILED)
+                fail(f"interrupted after {done} changes: --undo takes them back")
     typer.echo(f"{done} changes made; --undo takes them back" if done else "nothing to change")
 
 
@@ -88,6 +91,5 @@ def _undo(machine: Machine, dry_run: bool, force: bool) -> None:
             if line:
                 typer.echo(line)
             if interrupt.stop_requested and journal.entries:
-                typer.echo("rtstack: interrupted: --undo once more goes on", err=True)
-                raise typer.Exit(FAILED)
+                fail("interrupted: --undo once more goes on")
     typer.echo("as it was before" if count else "nothing to undo: nothing was set up here")

@@ -3,32 +3,47 @@
 import json as json_module
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from rtstack.impact_map import Impact, ImpactMap, ReflectedInertia, Status, impact_map, load_scene
-from rtstack.impact_map.scene import SceneError
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.options import Json
 
-FAILED = 1
+if TYPE_CHECKING:
+    from rtstack.impact_map import Impact, ImpactMap
+
+commands = typer.Typer()
 
 
-def run(path: Path, reflected: str | None, json: bool) -> None:
-    """Print both maps of a scene file. Exit status 1 where one of them has no solution."""
-    scene = load_scene(path)
+@commands.command("impact-map")
+def impact_map(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="A scene, such as deploy/impacts/grab.toml.")],
+    reflected: Annotated[
+        str | None, typer.Option(help="Inertia of the motors, B_theta, B or none; the default is the scene's.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say what velocity follows an impact: single step and converged, with impulses, energy and residuals."""
+    from rtstack.impact_map import ReflectedInertia, Status, load_scene
+    from rtstack.impact_map import impact_map as mapped
+    from rtstack.impact_map.scene import SceneError
+
+    found = load_scene(scene)
     if reflected is not None:
         if reflected not in list(ReflectedInertia):
             raise SceneError(f"--reflected {reflected}: choose one of {', '.join(ReflectedInertia)}")
-        scene = replace(scene, reflected=reflected)
+        found = replace(found, reflected=reflected)
     try:
-        result = impact_map(scene)
+        result = mapped(found)
     except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
+        raise SceneError(f"{scene}: {error}") from None
     if json:
-        typer.echo(json_module.dumps({"reflected": scene.reflected.value, **result.as_dict()}))
+        typer.echo(json_module.dumps({"reflected": found.reflected.value, **result.as_dict()}))
     else:
-        typer.echo(f"reflected inertia {scene.reflected.value}; m/s and rad/s, along the world's axes")
+        typer.echo(f"reflected inertia {found.reflected.value}; m/s and rad/s, along the world's axes")
         for name in result.problem.names:
             typer.echo(f"  {name:<12} before      {_numbers(result.twist_before(name))}")
         for title, impact in (("single step", result.single_step), ("converged", result.converged)):
@@ -38,7 +53,7 @@ def run(path: Path, reflected: str | None, json: bool) -> None:
         raise typer.Exit(FAILED)
 
 
-def _lines(title: str, result: ImpactMap, impact: Impact) -> list[str]:
+def _lines(title: str, result: "ImpactMap", impact: "Impact") -> list[str]:
     lines = [f"{title}: {impact.status.value}, {impact.detail}"]
     lines += [f"  {name:<12} after       {_numbers(result.twist(name, impact))}" for name in result.problem.names]
     for k, (contact, rows) in enumerate(zip(result.problem.contacts, result.problem.points, strict=True)):

@@ -1,39 +1,47 @@
 """`rtstack tune-monitor`: recorded good runs into the monitor's parameters, with a check on runs that were held out."""
 
-import json
+import json as json_module
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hal.configuration import toml_text
-from rtstack.cells import load_description
+from hal.base.configuration import toml_text
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.options import CellFile, Json
 from rtstack.cli.progress import progress_bar
-from rtstack.log.reader import read_log
-from rtstack.model.cell_description import CellDescription, base_poses
-from rtstack.monitor.expected import ExpectedImpact
-from rtstack.monitor.pair import PairParameters
-from rtstack.references.recording import ReferenceError
-from rtstack.references.source import load_reference
-from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
-from rtstack.trials.followed import followed_file
-from rtstack.trials.monitoring import tuning_folder
-from rtstack.trials.review import log_columns
-from rtstack.trials.tuning import HELD_OUT, Check, GoodRun, check, tune
 
-FAILED = 1
+if TYPE_CHECKING:
+    from rtstack.model.cell_description import CellDescription
+    from rtstack.monitor.expected import ExpectedImpact
+    from rtstack.monitor.pair import PairParameters
+    from rtstack.trials.tuning import Check, GoodRun
+
+commands = typer.Typer()
 FEWEST = 6
 
 
+@commands.command("tune-monitor")
 def tune_monitor(
-    logs: Sequence[Path], out: Path, sensitivity: float, json_output: bool, cell_file: Path | None = None
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Good runs: trials that succeeded.")],
+    out: Annotated[Path, typer.Option(metavar="TOML", help="The parameters to write.")],
+    sensitivity: Annotated[
+        float,
+        typer.Option(help="How many times the worst good run's deviation is unexpected.", min=1.0, max=10.0),
+    ] = 1.3,
+    cell_file: CellFile = None,
+    json: Json = False,
 ) -> None:
-    """Tune on two thirds of the logs, check on the others, write the TOML `out`, which must not exist yet. cell_file:
-    of the cell that the logs are of."""
+    """Find the aim-aware monitor's parameters from good runs of one object; a third is held out, and checked."""
+    from rtstack.cells import load_description
+    from rtstack.trials.monitoring import tuning_folder
+    from rtstack.trials.object import check_two_arms
+    from rtstack.trials.tuning import check, tune
+
     if out.exists():
         raise TrialError(f"{out} exists already: choose another name")
     if out.parent == tuning_folder():
@@ -42,8 +50,10 @@ def tune_monitor(
         raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
     if len(logs) < FEWEST:
         raise TrialError(f"{len(logs)} logs are too few to tune on and to check on: give at least {FEWEST}")
-    with progress_bar("reading", not json_output) as progress:
-        runs = _good_runs(sorted(logs), load_description(cell_file)[0], progress)
+    description, _ = load_description(cell_file)
+    check_two_arms(description, "a monitor")
+    with progress_bar("reading", not json) as progress:
+        runs = _good_runs(sorted(logs), description, progress)
     used, held_out = split(runs)
     parameters = tune([record.run for record in used], sensitivity)
     found = check([record.run for record in held_out], parameters)
@@ -53,7 +63,7 @@ def tune_monitor(
         f"{len(found.false_alarms)} are false alarms, smallest margin {found.smallest_margin:.2f}"
     )
     values = {"out": str(out), "runs": len(used), "held_out": found.runs, "false_alarms": list(found.false_alarms)}
-    typer.echo(json.dumps(values | {"smallest_margin": found.smallest_margin}) if json_output else line)
+    typer.echo(json_module.dumps(values | {"smallest_margin": found.smallest_margin}) if json else line)
     if found.false_alarms:
         raise typer.Exit(FAILED)
 
@@ -62,7 +72,7 @@ def tune_monitor(
 class Recorded:
     """A good run as its log has it. demonstration: name of the recording that it follows."""
 
-    run: GoodRun
+    run: "GoodRun"
     object: str
     demonstration: str
     displacement_mm: float
@@ -71,6 +81,8 @@ class Recorded:
 
 def split(records: Sequence[Recorded]) -> tuple[list[Recorded], list[Recorded]]:
     """Return the runs to tune on and those to check on: every third demonstration, or where there are fewer, run."""
+    from rtstack.trials.tuning import HELD_OUT
+
     demonstrations = sorted({record.demonstration for record in records})
     by_run = len(demonstrations) < HELD_OUT
     used: list[Recorded] = []
@@ -81,7 +93,16 @@ def split(records: Sequence[Recorded]) -> tuple[list[Recorded], list[Recorded]]:
     return used, held_out
 
 
-def _good_runs(paths: Sequence[Path], description: CellDescription, progress) -> list[Recorded]:
+def _good_runs(paths: Sequence[Path], description: "CellDescription", progress) -> list[Recorded]:
+    from rtstack.log.reader import read_log
+    from rtstack.model.cell_description import base_poses
+    from rtstack.references.recording import ReferenceError
+    from rtstack.references.source import load_reference
+    from rtstack.trials.assembly import arm_controllers, cell_parameters
+    from rtstack.trials.followed import followed_file
+    from rtstack.trials.review import log_columns
+    from rtstack.trials.tuning import GoodRun
+
     parameters = cell_parameters(description)
     arms = arm_controllers(description, parameters)
     expected: dict[str, ExpectedImpact] = {}
@@ -90,7 +111,7 @@ def _good_runs(paths: Sequence[Path], description: CellDescription, progress) ->
         log = read_log(path)
         if log.metadata.get("result", {}).get("success") != "true":
             raise TrialError(f"{path}: not a trial that succeeded: give good runs only")
-        specification = json.loads(log.metadata["trial"]["specification"])
+        specification = json_module.loads(log.metadata["trial"]["specification"])
         thing = str(specification["object"])
         if runs and thing != runs[0].object:
             raise TrialError(f"{path}: a run of {thing}, others are of {runs[0].object}: a tuning is of one object")
@@ -116,7 +137,7 @@ def _good_runs(paths: Sequence[Path], description: CellDescription, progress) ->
 
 
 def tuning_toml(
-    parameters: PairParameters, sensitivity: float, found: Check, used: Sequence[Recorded],
+    parameters: "PairParameters", sensitivity: float, found: "Check", used: Sequence[Recorded],
     held_out: Sequence[Recorded], command: str = "rtstack tune-monitor",
 ) -> str:  # fmt: skip
     """Return the file. command: that made it."""

@@ -2,30 +2,92 @@
 
 import json as json_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rtstack.cells import load_description
-from rtstack.log.writer import check_log_path
-from rtstack.model.cell_description import CellDescription
-from rtstack.planning import PlanError, PlannedMotion, TooFast, grab_plan, plan_grab, plan_push, push_plan
-from rtstack.planning.file import write_plan
+from rtstack.cli.options import CellFile, Json, ObjectName
 from rtstack.references.motion import Motion
-from rtstack.samples import SIDES
 
+if TYPE_CHECKING:
+    from rtstack.model.cell_description import CellDescription
+    from rtstack.planning import PlannedMotion
+
+commands = typer.Typer()
 _GRAB_ONLY = ("rise", "squeeze", "lift", "lift_s", "momentum_s", "carry")
 _PUSH_ONLY = ("travel",)
 
 
-def run(
-    output: Path, motion: Motion, object_name: str, cell_file: Path | None, json: bool, watch: int | None = None,
-    **values: Any,
-) -> None:  # fmt: skip
-    """Plan a motion and write it to `output`, which must not exist yet. values: of the plan; None for its default.
+@commands.command()
+def plan(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The reference to write.")],
+    motion: Annotated[
+        Motion, typer.Option(help="Both arms lift the object, or one pushes it, of two the left one.")
+    ] = Motion.GRAB,
+    object_name: ObjectName = "rice_box",
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S", help="Of the pads along y when they hit, 0.05 to 0.8; less if need be: 0.35, of a push 0.5."
+        ),
+    ] = None,
+    rise: Annotated[
+        float | None, typer.Option(metavar="M/S", help="Of a grab's pads upwards when they hit, 0.05 to 0.8: 0.25.")
+    ] = None,
+    height: Annotated[
+        float | None, typer.Option(metavar="M", help="Of the pads over the object's centre: 0.02, of a push 0.")
+    ] = None,
+    posture: Annotated[
+        float | None, typer.Option(metavar="RAD", help="Joint 1 at the impact, from home, -1.5 to 1.5: 0.")
+    ] = None,
+    squeeze: Annotated[
+        float | None, typer.Option(metavar="N", help="Force of each of a grab's pads, up to 120: 40.")
+    ] = None,
+    lift: Annotated[float | None, typer.Option(metavar="M", help="How high a grab lifts, up to 0.5: 0.25.")] = None,
+    lift_s: Annotated[float | None, typer.Option(metavar="S", help="How long the lift takes, up to 10: 1.2.")] = None,
+    momentum_s: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="How long a grab is lifted by momentum alone after the impact, up to 0.2: 0.1."),
+    ] = None,
+    carry: Annotated[
+        float | None, typer.Option(metavar="M", help="How far a grab carries along x, -0.5 to 0.5: 0.05.")
+    ] = None,
+    travel: Annotated[float | None, typer.Option(metavar="M", help="How far a push goes, up to 0.5: 0.25.")] = None,
+    inertia: Annotated[
+        str | None, typer.Option(metavar="WHICH", help="Of the motors in the map, B, none or B_theta: B_theta.")
+    ] = None,
+    map_kind: Annotated[
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="WHICH",
+            help="What gives the velocity after the impact, single_step as in the paper, or converged: converged.",
+        ),
+    ] = None,
+    post_impact_scale: Annotated[
+        float | None, typer.Option(metavar="FACTOR", help="A wrong post-impact velocity on purpose, 0.5 to 1.5: 1.")
+    ] = None,
+    watch: Annotated[
+        int | None,
+        typer.Option(metavar="RUNS", help="Make its monitor too, from so many simulated runs of it.", min=9, max=100),
+    ] = None,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Plan a reference without a demonstration: paths before and after the impact, joined by the impact map.
 
-    watch: how many simulated runs its monitor is made from; None for no monitor.
+    The default of an option follows its colon.
     """
+    from rtstack.cells import load_description
+    from rtstack.log.writer import check_log_path
+    from rtstack.planning import PlanError
+    from rtstack.planning.file import write_plan
+
+    values = {
+        "speed": speed, "rise": rise, "height": height, "posture": posture, "squeeze": squeeze, "lift": lift,
+        "lift_s": lift_s, "momentum_s": momentum_s, "carry": carry, "travel": travel, "inertia": inertia,
+        "map": map_kind, "post_impact_scale": post_impact_scale,
+    }  # fmt: skip
     description, source = load_description(cell_file)
     check_log_path(output)
     given = {key: value for key, value in values.items() if value is not None}
@@ -54,12 +116,13 @@ def run(
 
 
 def _planned(
-    description: CellDescription, motion: Motion, object_name: str, given: dict[str, Any]
-) -> tuple[PlannedMotion, list[str]]:
+    description: "CellDescription", motion: Motion, object_name: str, given: dict[str, Any]
+) -> "tuple[PlannedMotion, list[str]]":
     """Return the motion, at the fastest speed that does where the default is too fast for it, and the line that says
     so. A speed that was asked for is never changed."""
+    from rtstack.planning import TooFast, grab_plan, plan_grab, plan_push, push_plan
 
-    def planned(**values: Any) -> PlannedMotion:
+    def planned(**values: Any) -> "PlannedMotion":
         if motion is Motion.GRAB:
             return plan_grab(description, object_name, grab_plan(**values))
         return plan_push(description, object_name, push_plan(**values))
@@ -72,17 +135,17 @@ def _planned(
         return planned(**given, speed=error.fastest), [f"  slower than by default: {error}"]
 
 
-def _lines(planned: PlannedMotion, output: Path) -> list[str]:
+def _lines(planned: "PlannedMotion", output: Path) -> list[str]:
     recording, result = planned.recording, planned.map
     lines = [f"planned {output}: {recording.motion} of {recording.object}, impact at {recording.impact_s:.3f} s"]
-    for arm, side in enumerate(SIDES):
+    for arm, side in enumerate(planned.sides):
         if side not in result.problem.names:
             continue
         before, after, single = (
             _numbers(twist[:3])
             for twist in (result.twist_before(side), result.twist(side), result.twist(side, result.single_step))
         )
-        lines.append(f"  {side:<6} {before} m/s, then {after} (single step {single}), planned "
+        lines.append(f"  {side:<6} {before} m/s, then {after} converged, {single} single step; planned "
                      f"{_numbers(planned.velocities[arm])}")  # fmt: skip
     converged = result.converged
     for k, (contact, rows) in enumerate(zip(result.problem.contacts, result.problem.points, strict=True)):

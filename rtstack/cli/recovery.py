@@ -1,32 +1,55 @@
-"""`rtstack recover-arms`: the way out of a fault of a running stack, or of bare arms, without starting anew."""
+"""`rtstack recover` a log that was cut off; `rtstack recover-arms`, the way out of a fault without starting anew."""
 
 import getpass
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
 from hal.errors import RecoveryRefused
-from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, running_stacks
+from rtstack.cli.exit_status import fail
+from rtstack.cli.progress import progress_bar
+from rtstack.log.file.recover import recover as recover_log
 from rtstack.trials.errors import TrialError
 
-FAILED = 1
+commands = typer.Typer()
 _LONGEST_NAME = 28  # an operator's is 40
 
 
-def recover_arms(kind: str | None, stack: Path | None) -> None:
-    """Recover the arms of a kind of cell, or else those of the stack that runs; exit status 1 where that is refused.
+@commands.command()
+def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
+    """Make a complete log of one that was cut off. The original stays as it is."""
+    with progress_bar("recovering", True) as show:
+        summary = recover_log(log, progress=(lambda done, total: show(done / total)) if show else None)
+    if summary.complete:
+        typer.echo(f"{log} is complete: nothing to recover")
+        return
+    damaged = f"; {summary.damaged} chunks could not be read" if summary.damaged else ""
+    typer.echo(
+        f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s, to {summary.output}{damaged}"
+    )
 
-    Raises TrialError for anything but fci:LEFT,RIGHT, and where no stack answers; HardwareError from the arms.
-    """
-    if kind is not None and stack is not None:
+
+@commands.command("recover-arms")
+def recover_arms(
+    cell: Annotated[str | None, typer.Option(help="fci:LEFT,RIGHT; by default the arms of the running stack.")] = None,
+    stack: Annotated[
+        Path | None, typer.Option(metavar="SOCKET", help="Which stack, where several are running.")
+    ] = None,
+) -> None:
+    """Clear what the arms have latched (a fault, a reflex), once its cause is gone."""
+    if cell is not None and stack is not None:
         raise TrialError("--cell or --stack, not both: a running stack has its arms itself")
-    if kind is None:
-        _recover_stack(stack or _only_stack())
+    if cell is None:
+        _recover_stack(stack)
     else:
-        _recover_pair(kind)
+        _recover_pair(cell)
 
 
-def _recover_stack(socket: Path) -> None:
+def _recover_stack(socket: Path | None) -> None:
+    from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, running_stacks
+
+    socket = socket or _only(running_stacks())
     client = RobotClient(socket)
     try:
         status = client.status()
@@ -34,7 +57,7 @@ def _recover_stack(socket: Path) -> None:
         status = client.recover(_operator())
         typer.echo(f"{status.cell}: {status.phase}: take control and arm to go on")
     except RobotRefused as error:
-        _refuse(str(error))
+        fail(str(error))
     except RobotUnreachable as error:
         raise TrialError(f"{socket}: {error}") from None
     finally:
@@ -46,21 +69,21 @@ def _recover_pair(kind: str) -> None:
     from hal.fci import open_pair
     from rtstack.cells.fci import fci_addresses
 
-    pair = open_pair(*fci_addresses(kind))
+    addresses = fci_addresses(kind)
+    pair = open_pair(addresses.get("left"), addresses.get("right"))
     try:
-        for arm in (pair.left, pair.right):
+        for arm in pair.arms.values():
             names = arm.reflex()
             typer.echo(f"{arm.address}: " + (f"in reflex: {', '.join(names)}" if names else "in no reflex"))
         for line in pair.recover():
             typer.echo(line)
     except RecoveryRefused as error:
-        _refuse(str(error))
+        fail(str(error))
     finally:
         pair.close()
 
 
-def _only_stack() -> Path:
-    found = running_stacks()
+def _only(found: list[Path]) -> Path:
     if not found:
         raise TrialError(
             "no stack is running: start one with `rtstack up`, or name the arms with --cell fci:LEFT,RIGHT"
@@ -76,8 +99,3 @@ def _operator() -> str:
     except (OSError, KeyError):  # a user without a name
         user = ""
     return f"{user[:_LONGEST_NAME] or 'unknown user'}, terminal"
-
-
-def _refuse(reason: str) -> None:
-    typer.echo(f"rtstack: {reason}", err=True)
-    raise typer.Exit(FAILED)

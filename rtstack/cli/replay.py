@@ -2,19 +2,37 @@
 
 import json as json_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rtstack.playback.replay import Replay, replay
-from rtstack.playback.twin_replay import TwinReplay, replay_in_twin
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.options import Json
 
-FAILED = 1
+if TYPE_CHECKING:
+    from rtstack.playback.replay import Replay, TwinReplay
+
+commands = typer.Typer()
 SHOWN = 12  # fields in the table
 SAME_FORCE = 0.1  # a twin's contact force is as the log's within this share of it
 
 
-def run(logs: list[Path], json: bool, twin: str | None) -> None:
-    """Replay logs one after another, in a twin's plant where one is given. Exits with 1 where one differs."""
+@commands.command()
+def replay(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Trials, demonstrations, teleoperations.")],
+    json: Json = False,
+    twin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PROFILE",
+            help="Run the log's commands in this profile's plant: does its contact force come out within 10 %?",
+        ),
+    ] = None,
+) -> None:
+    """Give a log's states to the present controller: does it make the same of them, bit by bit? No arm moves."""
+    from rtstack.playback.replay import replay as replayed
+    from rtstack.playback.replay import replay_in_twin
+
     if twin is not None:
         made = [replay_in_twin(path, twin) for path in logs]
         for each in made:
@@ -22,14 +40,14 @@ def run(logs: list[Path], json: bool, twin: str | None) -> None:
         if any(abs(arm.off) > SAME_FORCE for each in made for arm in each.arms if arm.off is not None):
             raise typer.Exit(FAILED)
         return
-    found = [replay(path) for path in logs]
+    found = [replayed(path) for path in logs]
     for each in found:
         typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(_lines(each)))
     if not all(each.same for each in found):
         raise typer.Exit(FAILED)
 
 
-def _lines(found: Replay) -> list[str]:
+def _lines(found: "Replay") -> list[str]:
     head = f"{found.log}: {found.kind}, {found.ticks} ticks: "
     if found.same:
         return [head + "every bit of what controller and judge make of them is the same"]
@@ -52,7 +70,7 @@ def _lines(found: Replay) -> list[str]:
     return lines + [f"and {more} fields more"] * (more > 0)
 
 
-def forces(made: TwinReplay) -> list[str]:
+def forces(made: "TwinReplay") -> list[str]:
     """Return the table of a replay in a twin: forces, and how far hands, torques and velocities are apart."""
     lines = [f"{made.log}: {made.kind}, {made.ticks} ticks; in {made.twin} {made.replayed_ticks}"]
     lines.append(f"{'arm':<6}{'contact':>10}{'mean force':>14}{'twin':>9}{'off':>8}{'peak':>9}{'twin':>9}{'path':>9}"

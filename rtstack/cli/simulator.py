@@ -2,52 +2,94 @@
 
 import os
 import signal
-from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from hal.realtime import ANY_CPU, robot_cpu
-from rtstack.model.cell_description import load_cell_description
+from hal.base.realtime import ANY_CPU, robot_cpu
+from rtstack.cli.options import CellFile, Faults, Profile, Seed, ShiftX, ShiftY, Yaw
 from rtstack.trials.errors import TrialError
 
-
-def chosen_cpu(cpu: int | None) -> int:
-    """Return where a served robot is to stay, -1 for anywhere. Raises TrialError for a CPU that we have not."""
-    ours = os.sched_getaffinity(0)
-    if cpu is not None and cpu != ANY_CPU and cpu not in ours:
-        raise TrialError(f"--cpu {cpu}: choose one of {', '.join(map(str, sorted(ours)))}, or -1 for any")
-    return robot_cpu() if cpu is None else cpu
+commands = typer.Typer()
 
 
-def serve(
-    arguments: list[str], left: str, right: str, object_name: str, displacement: dict[str, float],
-    cell_file: Path | None,
-) -> None:  # fmt: skip
-    """Serve in this process until Ctrl-C. arguments: further ones of `python -m sim_robot.fci`.
-
-    displacement: its options (displacement-mm and the like) with their values.
-    """
+@commands.command()
+def sim(
+    scene: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="The scene to simulate: grab, hand (a Franka Hand), platform, or a TOML."),
+    ] = "grab",
+    left: Annotated[str, typer.Option(metavar="ADDR", help="Address of the left arm.")] = "127.0.0.11",
+    right: Annotated[str, typer.Option(metavar="ADDR", help="Address of the right arm.")] = "127.0.0.12",
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="left|right", help="Serve this arm alone; so does a cell's file that has one arm."),
+    ] = None,
+    lockstep: Annotated[bool, typer.Option("--lockstep", help="Wait for every moving arm's answer.")] = False,
+    seed: Seed = 0,
+    object_name: Annotated[
+        str,
+        typer.Option(
+            "--object",
+            help="An object of the cell, or none: an empty cell, as a playback needs it. By default the scene's first.",
+        ),
+    ] = "",
+    displacement_mm: ShiftY = 0.0,
+    displacement_x_mm: ShiftX = 0.0,
+    yaw_deg: Yaw = 0.0,
+    cell_file: CellFile = None,
+    faults: Faults = None,
+    profile: Profile = None,
+    tracker: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Who is sent the object's poses (UDP).")
+    ] = "127.0.0.1:1341",
+    phase_us: Annotated[float, typer.Option(help="How much later the right arm's clock ticks.")] = 0.0,
+    drift_ppm: Annotated[float, typer.Option(help="How much faster the right arm's clock runs.")] = 0.0,
+    desk: Annotated[bool, typer.Option("--desk", help="Serve Desk too; the arms begin locked, with FCI off.")] = False,
+    priority: Annotated[int, typer.Option(help="SCHED_FIFO priority, 0 for none.", min=0, max=99)] = 80,
+    cpu: Annotated[
+        int | None,
+        typer.Option(help="CPU to stay on, -1 for any; by default the first, the loop takes the last.", min=-1),
+    ] = None,
+) -> None:
+    """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
+    arguments = [f"--scene={scene}", f"--seed={seed}", f"--tracker={tracker}", f"--phase-us={phase_us!r}"]
+    arguments += [f"--drift-ppm={drift_ppm!r}", f"--priority={priority}", f"--cpu={_chosen_cpu(cpu)}"]
+    shifts = {"displacement-mm": displacement_mm, "displacement-x-mm": displacement_x_mm, "yaw-deg": yaw_deg}
+    arguments += [f"--left={left}", f"--right={right}", f"--object={object_name}"]
+    arguments += [f"--{option}={value!r}" for option, value in shifts.items()]
+    named = {"cell-file": cell_file, "only": only, "profile": profile, "faults": faults}
+    arguments += [f"--{option}={value}" for option, value in named.items() if value is not None]
+    arguments += ["--lockstep"] * lockstep + ["--desk"] * desk
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))  # the imports take seconds, and nothing runs yet
     # nothing is drawn: with glfw MuJoCo looks for its library in a process that would outlive Ctrl-C, with a traceback
     os.environ.setdefault("MUJOCO_GL", "disable")
     from sim_robot.fci.__main__ import main
 
     if cell_file is not None:
+        from rtstack.model.cell_description import load_cell_description
+
         load_cell_description(cell_file)  # the other keys are the controller's: a mistake in them is one here, too
-    cell = f"--cell fci:{left},{right}"
-    thing = f" --object {object_name}" * (object_name != "rice_box")
-    shift = "".join(f" --{option}={value:g}" for option, value in displacement.items() if value != 0.0)
-    file = "" if cell_file is None else f" --cell-file {cell_file}"
-    trial = f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}{file}"
-    if object_name == "none":
-        trial = f"there is nothing to grab: play a log on it: rtstack play LOG.mcap {cell}"
-    status = main(
-        [f"--left={left}", f"--right={right}", f"--object={object_name}"]
-        + [f"--{option}={value!r}" for option, value in displacement.items()]
-        + [f"--cell-file={cell_file}"] * (cell_file is not None)
-        + arguments,
-        prog="rtstack sim",
-        next_step=trial,
-    )
-    if status:
+
+    def next_step(addresses: dict[str, str]) -> str:
+        cell = f"--cell fci:{addresses.get('left', '')}" + (f",{addresses['right']}" if "right" in addresses else "")
+        file = "" if cell_file is None else f" --cell-file {cell_file}"
+        if len(addresses) == 1:
+            file = file or " --cell-file CELL.toml"  # ours has two arms
+            return f"one arm alone grabs nothing: play a log on it: rtstack play LOG.mcap {cell}{file}"
+        if object_name == "none":
+            return f"there is nothing to grab: play a log on it: rtstack play LOG.mcap {cell}"
+        thing = f" --object {object_name}" * (object_name not in ("", "rice_box"))
+        shift = "".join(f" --{option}={value:g}" for option, value in shifts.items() if value != 0.0)
+        return f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}{file}"
+
+    if status := main(arguments, prog="rtstack sim", next_step=next_step):
         raise typer.Exit(status)
+
+
+def _chosen_cpu(cpu: int | None) -> int:
+    """Return where a served robot is to stay, -1 for anywhere. Raises TrialError for a CPU that we have not."""
+    ours = os.sched_getaffinity(0)
+    if cpu is not None and cpu != ANY_CPU and cpu not in ours:
+        raise TrialError(f"--cpu {cpu}: choose one of {', '.join(map(str, sorted(ours)))}, or -1 for any")
+    return robot_cpu() if cpu is None else cpu

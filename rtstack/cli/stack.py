@@ -4,28 +4,96 @@ import os
 import sys
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from hal.extras import require
-from rtstack.cells import load_description, with_profile
-from rtstack.live.source import described_as
+from hal.base.extras import require
+from rtstack.cli.options import CellFile, LeftArm, LogsWritten, Profile, RightArm
 from rtstack.live.stack import LOOPBACK, StackError, StackSettings, listen, run_stack
 from rtstack.live.standalone import MAILBOX, find_rings
 from rtstack.trials.errors import TrialError
 
+commands = typer.Typer()
+Port = Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)]
+LiveCellKind = Annotated[
+    str | None,
+    typer.Option(metavar="NAME[:ARGUMENT]", help="Kind of cell instead of --left and --right, also of a package's."),
+]
+RunFolder = Annotated[Path, typer.Option("--run", metavar="DIR", help="Where robot process and console meet.")]
+# the first name of --cell-file where the cell is no kind: other people's scripts and unit files have it
+OldCellFile = Annotated[Path | None, typer.Option("--cell", hidden=True)]
 
-def up(port: int, logs: Path, cell_file: Path | None, kind: str, host: str | None = None, https: bool = False) -> None:
-    """Start the stack on a kind of cell and stay until it ends. Raises TrialError, ConfigurationError."""
+
+@commands.command()
+def up(
+    port: Port = 8080,
+    logs: LogsWritten = Path("logs"),
+    cell_file: CellFile = None,
+    left: LeftArm = None,
+    right: RightArm = None,
+    cell_kind: LiveCellKind = None,
+    cell: OldCellFile = None,
+    profile: Profile = None,
+    https: Annotated[bool, typer.Option("--https", help="Speak HTTPS, with an authority of your own.")] = False,
+    host: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Listen there instead of on the loopback address; needs --https."),
+    ] = None,
+) -> None:
+    """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
+    kind = _chosen_kind(cell_kind, left, right, profile)
     require("console")
-    host = _host(host, https)
-    source = load_description(cell_file)[1]
-    described_as(source, kind)
-    make_log_folder(logs)
-    raise typer.Exit(run_stack(StackSettings(port, logs, source, kind, host, https)))
+    address = _address(host, https)
+    source = _cell_file(cell_file or cell, kind)
+    _make_log_folder(logs)
+    raise typer.Exit(run_stack(StackSettings(port, logs, source, kind, address, https)))
 
 
-def _host(host: str | None, https: bool) -> str:
+@commands.command()
+def robot(
+    run_folder: RunFolder = Path("/run/rtstack"),
+    logs: LogsWritten = Path("logs"),
+    cell_file: CellFile = None,
+    left: LeftArm = None,
+    right: RightArm = None,
+    cell_kind: LiveCellKind = None,
+    cell: OldCellFile = None,
+    profile: Profile = None,
+) -> None:
+    """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until an operator arms."""
+    shared = _shared(run_folder, logs, cell_file or cell, _chosen_kind(cell_kind, left, right, profile))
+    _make_log_folder(logs)
+    _become("rtstack.live.robot", shared)
+
+
+@commands.command()
+def console(
+    run_folder: RunFolder = Path("/run/rtstack"),
+    port: Port = 8080,
+    logs: LogsWritten = Path("logs"),
+    cell_file: CellFile = None,
+    left: LeftArm = None,
+    right: RightArm = None,
+    cell_kind: LiveCellKind = None,
+    cell: OldCellFile = None,
+    profile: Profile = None,
+) -> None:
+    """Run the console alone, beside `rtstack robot`, with the same options."""
+    kind = _chosen_kind(cell_kind, left, right, profile)
+    require("console")
+    shared = _shared(run_folder, logs, cell_file or cell, kind)
+    find_rings(run_folder)
+    try:
+        listener = listen(port)
+    except StackError as error:
+        raise TrialError(str(error)) from None
+    _make_log_folder(logs)
+    listener.set_inheritable(True)
+    _become("console", [*shared, "--listener", str(listener.fileno())])
+
+
+def _address(host: str | None, https: bool) -> str:
     """Return where the console listens; with https, say who vouches for it. Raises TrialError, ConfigurationError."""
     try:
         address = ip_address(host or LOOPBACK)
@@ -37,7 +105,7 @@ def _host(host: str | None, https: bool) -> str:
         if not address.is_loopback:
             raise TrialError(f"--host {host}: other machines are let in over HTTPS only: give --https too")
         return str(address)
-    from console.authority import Authority
+    from rtstack.access.authority import Authority
 
     authority = Authority.of_user()
     authority.check(str(address))
@@ -48,26 +116,26 @@ def _host(host: str | None, https: bool) -> str:
     return str(address)
 
 
-def chosen_kind(kind: str | None, left: str | None, right: str | None, profile: str | None = None) -> str:
-    """Return the kind of cell that is named, that both addresses make, or the simulated one, with the profile.
+def _chosen_kind(kind: str | None, left: str | None, right: str | None, profile: str | None) -> str:
+    """Return the kind of cell that is named, that the addresses make, or the simulated one, with the profile.
 
-    Raises TrialError.
+    One address: that arm alone. Raises TrialError.
     """
+    from rtstack.cells import with_profile
+
     if kind is not None and (left is not None or right is not None):
         raise TrialError("--cell-kind says which arms there are, and so do --left and --right: give one of them")
     if kind is not None:
         return with_profile(kind, profile)
-    if (left is None) != (right is None):
-        raise TrialError("two arms have two addresses: give --left and --right, or neither for the simulated cell")
-    if left is None:
+    if left is None and right is None:
         return with_profile("direct", profile)
     from rtstack.cells.fci import fci_addresses  # and with it pylibfranka, which not every Python has
 
-    fci_addresses(kind := f"fci:{left},{right}")
+    fci_addresses(kind := f"fci:{left or ''}" + f",{right}" * (right is not None))
     return with_profile(kind, profile)
 
 
-def make_log_folder(logs: Path) -> None:
+def _make_log_folder(logs: Path) -> None:
     """Make the folder of logs, if it is not there. Raises TrialError."""
     try:
         logs.mkdir(parents=True, exist_ok=True)
@@ -75,30 +143,18 @@ def make_log_folder(logs: Path) -> None:
         raise TrialError(f"cannot write logs to {logs}: {error.strerror}") from None
 
 
-def robot(run: Path, logs: Path, cell_file: Path | None, kind: str) -> None:
-    """Become the robot process. Raises TrialError, ConfigurationError."""
-    shared = _shared(run, logs, cell_file, kind)
-    make_log_folder(logs)
-    _become("rtstack.live.robot", shared)
+def _cell_file(cell_file: Path | None, kind: str) -> Path:
+    """Return the description of a cell that can be of this kind. Raises TrialError, ConfigurationError."""
+    from rtstack.cells import load_description
+    from rtstack.live.source import described_as
 
-
-def console(run: Path, port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
-    """Become the console of the robot process in a run folder. Raises TrialError, ConfigurationError, LogError."""
-    require("console")
-    shared = _shared(run, logs, cell_file, kind)
-    find_rings(run)
-    try:
-        listener = listen(port)
-    except StackError as error:
-        raise TrialError(str(error)) from None
-    make_log_folder(logs)
-    listener.set_inheritable(True)
-    _become("console", [*shared, "--listener", str(listener.fileno())])
+    source = load_description(cell_file)[1]
+    described_as(source, kind)
+    return source
 
 
 def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> list[str]:
-    source = load_description(cell_file)[1]
-    described_as(source, kind)
+    source = _cell_file(cell_file, kind)
     return ["--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}"]
 
 

@@ -1,126 +1,134 @@
-"""`rtstack teach` and `rtstack trial`: everything is checked before the cell is opened and the log is begun."""
+"""`rtstack teach`, `rtstack trial` and `rtstack play`; `rtstack demo`, which goes the whole way once."""
 
+import os
 import sys
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hal.cell import Cell
+from hal.base.extras import advice
 from hal.displacement import Displacement
-from rtstack.cells import load_description, open_cell
-from rtstack.cli.hold_to_run import HoldToRun
-from rtstack.cli.interrupt import interruptible
-from rtstack.cli.progress import progress_bar
-from rtstack.log.writer import check_log_path
-from rtstack.loop.watchdogs import Parent
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.estimate import check_estimate
-from rtstack.trials.followed import Followed
-from rtstack.trials.monitoring import load_tuning
-from rtstack.trials.object import check_object, object_of
-from rtstack.trials.record import open_log
-from rtstack.trials.result import DemonstrationResult, TrialResult
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
-from rtstack.trials.start_motion import start_motion
-from rtstack.trials.tightening import load_tightening
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.cli.options import (
+    CellFile,
+    CellKind,
+    Faults,
+    Json,
+    LogOut,
+    ObjectName,
+    Profile,
+    Seed,
+    ShiftX,
+    ShiftY,
+    Yaw,
+    asks_for,
+)
+from rtstack.cli.plot import plot
+from rtstack.cli.review import review
+from rtstack.log.errors import LogError
+from rtstack.samples import LawInertia, Reaction
+from rtstack.trials.controllers import DEFAULT, controller_names, known_controller
+from rtstack.trials.specification import DemonstrationSpecification, PlaybackSpecification, TrialSpecification
 
-FAILED = 1
+if TYPE_CHECKING:
+    from rtstack.trials.result import DemonstrationResult, PlaybackResult, TrialResult
+
+commands = typer.Typer()
+OBJECT, DISPLACEMENT_MM = "rice_box", -30.0  # of the demo
+Asked = dict[str, Any] | None  # filled by asks_for
 
 
-def teach(
-    output: Path, specification: DemonstrationSpecification, cell_kind: str, cell_file: Path | None, json: bool
+def _controller(name: str) -> str:
+    try:
+        return known_controller(name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+ControllerChoice = Annotated[
+    str,
+    typer.Option(
+        metavar=f"[{'|'.join(controller_names())}]",
+        callback=_controller,
+        help="The proposed controller, a baseline, contact_completion, or one of another package.",
+    ),
+]
+Law = Annotated[
+    LawInertia | None,
+    typer.Option(
+        "--law-inertia", help="Mass matrix of the controller's law: M of the links, or M+B_theta; default: the cell's."
+    ),
+]
+
+
+@commands.command()
+def demo(
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="A new folder, for both logs.")] = Path("demo"),
+    browser: Annotated[bool, typer.Option(help="Open the impact's page, where there is a display.")] = True,
 ) -> None:
-    """Record a demonstration to `output`, which must not exist yet."""
-    description, source = load_description(cell_file)
-    object_name, seed = specification.object, specification.seed
-    check_object(object_name, description)
-    check_log_path(output)
-    hold = HoldToRun(cell_kind, description, source)
-    cell = open_cell(cell_kind, object_name, 0.0, seed, description, cell_file=source)
-    _warn(cell)
+    """The whole way once, simulated: a demonstration, a trial of it with the object displaced, its review."""
+    recording, log = out / "demonstration.mcap", out / "trial.mcap"
     try:
-        way = start_motion(cell, description, object_name)
-        with (
-            interruptible() as stop,
-            hold.held(f"demonstration of {object_name}", stop) as held,
-            progress_bar("demonstration", not json and not cell.own_clocks) as progress,
-        ):
-            log = open_log(output, specification, description, cell_kind, source, cell=cell)
-            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(), *held))
-            result = run_demonstration(specification, description, cell, context, way=way)
-    finally:
-        cell.close()
-    _report(result, json, _demonstration_line(result))
+        out.mkdir()
+    except OSError as error:
+        raise LogError(f"cannot make the folder {out}: {error.strerror}; choose another one with --out") from error
+    typer.echo(f"1. A scripted hand leads both arms to the object {OBJECT}, which they grab by hitting it.")
+    teach(output=recording, object=OBJECT)
+    typer.echo(f"\n2. A trial follows that recording; the object is {-DISPLACEMENT_MM:.0f} mm nearer to the right arm.")
+    trial(reference=recording, object=OBJECT, displacement_mm=DISPLACEMENT_MM, log=log)
+    typer.echo("\n3. The review of its log.")
+    review(log)
+    typer.echo("\n4. Its impact, as a page.")
+    _show_impact(log, out / "impact.html", browser)
+    typer.echo("\nNext: `rtstack up` starts the console.")
 
 
-def trial(
-    asked: TrialSpecification, log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, *,
-    safety: Path | None = None, friction: Path | None = None, monitor: Path | None = None,
-    faults: Path | None = None, whole_reference: bool = False,
-) -> None:  # fmt: skip
-    """Run a trial; without an object it is what the reference is about. Without `log_path` nothing is written.
-
-    safety: limits to tighten. friction: the arms', instead of what the cell's file names. monitor: its parameters, by
-    default those of the object. faults: what goes wrong in a simulated cell. whole_reference: attach the reference's
-    file to the log, which else only names it.
-    """
-    description, source = load_description(cell_file)
-    if friction is not None:
-        description = replace(description, joint_friction=friction)
-    reference = Path(asked.reference)
-    object_name = asked.object or object_of(reference)
-    tightening = load_tightening(safety) if safety is not None else ()
-    specification = replace(asked, object=object_name, safety=tightening)
-    if log_path is not None:
-        check_log_path(log_path)
-    check_object(object_name, description)
-    tuning = load_tuning(monitor).monitor if monitor is not None else None
-    prepared = prepare_trial(specification, description, monitor=tuning)
-    specification = prepared.specification
-    if prepared.unwatched is not None:
-        print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
-    displacement = specification.displacement
-    hold = HoldToRun(cell_kind, description, source)
-    cell = open_cell(cell_kind, object_name, displacement, asked.seed, description, faults, cell_file=source)
-    _warn(cell)
+def _show_impact(log: Path, page: Path, browser: bool) -> None:
     try:
-        bias = check_estimate(cell, description, prepared.parameters.detector)
-        if bias:
-            print(f"rtstack: warning: {bias}", file=sys.stderr)
-        way = start_motion(cell, description, object_name, displacement, prepared.reference.ante[:, 0])
-        with (
-            interruptible() as stop,
-            hold.held(f"trial of {object_name}", stop) as held,
-            progress_bar(f"trial, {asked.controller}", not json and not cell.own_clocks) as progress,
-        ):
-            log = None
-            if log_path is not None:
-                log = open_log(
-                    log_path, specification, description, cell_kind, source, reference=prepared.reference,
-                    followed=Followed(reference, whole_reference), cell=cell,
-                )  # fmt: skip
-            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(), *held))
-            result = run_trial(prepared, cell, context, way=way)
-    finally:
-        cell.close()
-    _report(result, json, _trial_line(result))
+        plot([str(log)], html=True, output=page, impact=True)
+    except ModuleNotFoundError as error:
+        if not (lacking := advice(error.name)):
+            raise
+        typer.echo(f"left out: {lacking}")
+        return
+    # a browser that needs no display would take the terminal
+    displayed = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if not (browser and displayed and webbrowser.open(page.absolute().as_uri())):
+        typer.echo(f"open it in a browser: {page.absolute().as_uri()}")
 
 
-def _warn(cell: Cell) -> None:
-    if cell.warning:
-        print(f"rtstack: warning: {cell.warning}", file=sys.stderr)
+@commands.command()
+@asks_for(DemonstrationSpecification, "speed_m_s", "squeeze_m", "squeeze_s")
+def teach(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The recording to write.")],
+    object: ObjectName = "rice_box",
+    variation: Annotated[int, typer.Option(help="Number of the demonstration.", min=0)] = 0,
+    seed: Seed = 0,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Speed of the pads at the object, m/s, if not the variation's.", min=0.1, max=0.6),
+    ] = None,
+    law_inertia: Law = None,
+    asked: Asked = None,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Record a scripted demonstration through the teleoperation path."""
+    from rtstack.cli.terminal import Terminal, report
+    from rtstack.trials.demonstration import prepare_demonstration
+
+    specification = DemonstrationSpecification(**asked or {}, speed_m_s=speed)
+    what, bar = f"demonstration of {specification.object}", "demonstration" * (not json)
+    host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=output)
+    result = host.run(prepare_demonstration(specification, host.description))
+    report(result, json, _demonstration_line(result))
 
 
-def _report(result: TrialResult | DemonstrationResult, json: bool, line: str) -> None:
-    typer.echo(result.as_json() if json else line)
-    if not result.success:
-        raise typer.Exit(FAILED)
-
-
-def _demonstration_line(result: DemonstrationResult) -> str:
+def _demonstration_line(result: "DemonstrationResult") -> str:
     if not result.success:
         return f"demonstration failed: {result.failure_reason}"
     lift = "the object was never seen" if result.max_lift_mm is None else f"lifted {result.max_lift_mm:.0f} mm"
@@ -130,7 +138,66 @@ def _demonstration_line(result: DemonstrationResult) -> str:
     )
 
 
-def _trial_line(result: TrialResult) -> str:
+@commands.command()
+@asks_for(TrialSpecification, "safety")
+def trial(
+    reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="Made by `rtstack teach` or `rtstack plan`.")],
+    controller: ControllerChoice = DEFAULT,
+    object: Annotated[
+        str | None, typer.Option("--object", help="An object of the cell; by default the reference's.")
+    ] = None,
+    displacement_mm: ShiftY = 0.0,
+    displacement_x_mm: ShiftX = 0.0,
+    yaw_deg: Yaw = 0.0,
+    seed: Seed = 0,
+    law_inertia: Law = None,
+    asked: Asked = None,
+    log: LogOut = None,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    cell_file: CellFile = None,
+    safety: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML with a table [safety]: limits that this trial tightens.")
+    ] = None,
+    friction: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Friction, made by `rtstack identify-friction`.")
+    ] = None,
+    reaction: Annotated[
+        Reaction, typer.Option(help="What an impact leads to that was not meant; continue: a mark in log and result.")
+    ] = Reaction.CONTINUE,
+    monitor: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="The monitor's parameters, made by `rtstack tune-monitor`.")
+    ] = None,
+    faults: Faults = None,
+    whole_reference: Annotated[
+        bool, typer.Option("--whole-reference", help="Attach the reference to the log; else it is named by its digest.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Run one trial: follow a recording through the impact."""
+    from rtstack.cli.terminal import Terminal, report
+    from rtstack.trials.monitoring import load_tuning
+    from rtstack.trials.object import object_of
+    from rtstack.trials.tightening import load_tightening
+    from rtstack.trials.trial import prepare_trial
+
+    given: dict[str, Any] = {"object": object or object_of(reference)} | (asked or {})
+    specification = TrialSpecification(**given)
+    what, bar = f"trial of {specification.object}", f"trial, {specification.controller}" * (not json)
+    host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log, faults=faults)
+    if friction is not None:
+        host.description = replace(host.description, joint_friction=friction)
+    if safety is not None:
+        specification = replace(specification, safety=load_tightening(safety))
+    tuning = load_tuning(monitor).monitor if monitor is not None else None
+    prepared = replace(prepare_trial(specification, host.description, monitor=tuning), whole_reference=whole_reference)
+    if prepared.unwatched is not None:
+        print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
+    result = host.run(prepared)
+    report(result, json, _trial_line(result))
+
+
+def _trial_line(result: "TrialResult") -> str:
     outcome = "success" if result.success else f"failed: {result.failure_reason}"
     detected = result.detected_impact_time_s
     impact = "none" if detected is None else f"{detected:.3f} s"
@@ -145,3 +212,33 @@ def _trial_line(result: TrialResult) -> str:
         f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s), {verdict} | mean force norm {norm} | "
         f"lift {lift} | compute p50 {result.compute_us_p50:.0f} us | {result.real_time_factor:.1f} x real time"
     )
+
+
+@commands.command()
+@asks_for(PlaybackSpecification, "digest", "object")
+def play(
+    source: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A recording, or any other log of both arms.")],
+    speed: Annotated[float, typer.Option(help="Times the log's own speed: 0.1 to 4, as far as limits allow.")] = 1.0,
+    seed: Seed = 0,
+    asked: Asked = None,
+    log: LogOut = None,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Play a log on the arms themselves, with a soft start and a soft stop; Ctrl-C brakes along the path."""
+    from rtstack.cli.terminal import Terminal, report
+    from rtstack.playback.run import prepare_playback
+
+    specification = PlaybackSpecification(**asked or {})
+    what, bar = f"playback of {specification.source}", f"playing at {specification.speed:g}x" * (not json)
+    host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log, softly=True)
+    result = host.run(prepare_playback(specification, host.description))
+    report(result, json, _playback_line(result))
+
+
+def _playback_line(result: "PlaybackResult") -> str:
+    outcome = "played" if result.success else f"failed: {result.failure_reason}"
+    error = "" if result.largest_error_mm is None else f" | pads at most {result.largest_error_mm:.1f} mm off"
+    return f"{outcome} | {result.played_s:.2f} of {result.duration_s:.2f} s at {result.speed:g}x{error}"

@@ -3,27 +3,42 @@
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
+from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hal.configuration import read_toml
-from rtstack.cells import load_description
+from hal.base.configuration import read_toml
+from rtstack.cli.options import CellFile
 from rtstack.cli.replay import forces
-from rtstack.identification.twin import LINK, TOUCHING, ArmTwin, friction_file, profile_toml, twin
-from rtstack.playback.twin_replay import TwinReplay, replay_in_twin
-from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
-from rtstack.trials.friction import friction_toml
 
+if TYPE_CHECKING:
+    from rtstack.identification.twin import ArmTwin
+    from rtstack.playback.replay import TwinReplay
+
+commands = typer.Typer()
 PROFILE, FRICTION, CELL, NUMBERS = "profile.toml", "friction.toml", "cell.toml", "twin.json"
 
 
-def run(logs: list[Path], out: Path, unloaded: list[Path], held_out: list[Path], cell_file: Path | None) -> None:
-    """Identify, and write the folder `out`, which must not exist yet; judge on what was held out."""
-    from importlib.resources import as_file, files
-
+@commands.command()
+def twin(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Of one cell: `rtstack excite`, or any.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write; it must not exist.")],
+    unloaded: Annotated[
+        list[Path], typer.Option(metavar="LOG.mcap", help="Of the same arms without the payload; may be repeated.")
+    ] = [],  # noqa: B006
+    held_out: Annotated[
+        list[Path], typer.Option(metavar="LOG.mcap", help="To judge the twin on, never fitted; may be repeated.")
+    ] = [],  # noqa: B006
+    cell_file: CellFile = None,
+) -> None:
+    """Identify both arms from their logs: a profile of the simulated robot, a friction, and what remains unknown."""
+    from rtstack.cells import load_description
+    from rtstack.identification.twin import friction_file, profile_toml
+    from rtstack.identification.twin import twin as identified
+    from rtstack.trials.friction import friction_toml
     from sim_robot.plant_parameters import load_plant_parameters
 
     description, source = load_description(cell_file)
@@ -34,7 +49,7 @@ def run(logs: list[Path], out: Path, unloaded: list[Path], held_out: list[Path],
     for path in held_out:
         if any(path.samefile(other) for other in (*logs, *unloaded) if path.exists() and other.exists()):
             raise TrialError(f"{path} is to be held out, and to be fitted: leave it out of one of them")
-    arms = twin(logs, description, load_plant_parameters().sensors.tau_ext_cutoff_hz, unloaded, held_out)
+    arms = identified(logs, description, load_plant_parameters().sensors.tau_ext_cutoff_hz, unloaded, held_out)
     with as_file(files("sim_robot") / "parameters" / "profiles" / "ideal.toml") as ideal:
         base, _ = read_toml(ideal)
     out.mkdir()
@@ -42,7 +57,7 @@ def run(logs: list[Path], out: Path, unloaded: list[Path], held_out: list[Path],
     (out / FRICTION).write_text(friction_toml(friction_file(arms, description.name, len(logs))), encoding="utf-8")
     cell = "\n".join(line for line in source.read_text("utf-8").splitlines() if not line.startswith("joint_friction"))
     (out / CELL).write_text(f'joint_friction = "{FRICTION}"\n{cell}\n', encoding="utf-8")
-    for side, arm in zip(SIDES, arms, strict=True):
+    for side, arm in arms.items():
         typer.echo("\n".join(_lines(side, arm)))
     whose = ", ".join(map(str, held_out)) or "the end of each log, a fifth"
     typer.echo(f"held out: {whose}")
@@ -50,14 +65,16 @@ def run(logs: list[Path], out: Path, unloaded: list[Path], held_out: list[Path],
     used = {
         name: list(map(str, paths)) for name, paths in (("logs", logs), ("unloaded", unloaded), ("held_out", held_out))
     }
-    numbers: dict[str, Any] = used | {side: asdict(arm) for side, arm in zip(SIDES, arms, strict=True)}
+    numbers: dict[str, Any] = used | {side: asdict(arm) for side, arm in arms.items()}
     numbers["replays"] = [each.as_dict() for each in replays]
     (out / NUMBERS).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
     typer.echo(f"written: {out / PROFILE} (--profile of a simulated cell), {out / CELL} (--cell-file)")
 
 
-def _replayed(held_out: list[Path], profile: str) -> Iterator[TwinReplay]:
+def _replayed(held_out: list[Path], profile: str) -> Iterator["TwinReplay"]:
     """Run the held-out logs again in the twin, those that can be, and print what differs."""
+    from rtstack.playback.replay import replay_in_twin
+
     for path in held_out:
         try:
             made = replay_in_twin(path, profile)
@@ -68,7 +85,9 @@ def _replayed(held_out: list[Path], profile: str) -> Iterator[TwinReplay]:
         yield made
 
 
-def _lines(side: str, arm: ArmTwin) -> list[str]:
+def _lines(side: str, arm: "ArmTwin") -> list[str]:
+    from rtstack.identification.twin import LINK, TOUCHING
+
     names = dict.fromkeys(each.name for each in arm.parameters)
     lines = [f"{side} arm, 95 % intervals; ? is not identified"]
     for name in names:
@@ -87,9 +106,8 @@ def _lines(side: str, arm: ArmTwin) -> list[str]:
         )
     untouched = [each.name for each in arm.parameters if not each.identified and each.name in TOUCHING]
     if untouched:
-        lines.append(
-            f"  cannot be identified from these logs: {', '.join(untouched)}; add the log of a grab (rtstack trial)"
-        )
+        grab = "a grab (rtstack trial)" if arm.values(TOUCHING[1]) else "a run in which the pad touches something"
+        lines.append(f"  cannot be identified from these logs: {', '.join(untouched)}; add the log of {grab}")
     if not all(each.identified for name in LINK for each in arm.values(name)):
         lines.append(
             "  cannot be identified from these logs: the link; add logs of arms with clocks of their own (10 s)"

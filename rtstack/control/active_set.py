@@ -9,11 +9,44 @@ import math
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import compiled
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed
-from rtstack.control.optimality import OPTIMALITY_TOLERANCE, optimality_error
 from rtstack.samples import QpStatus
+
+OPTIMALITY_TOLERANCE = 1e-4  # rad/s^2 and Nm: a hundredth of what the joints can resolve
+
+
+@compiled
+def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
+    """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity, stationarity.
+
+    multipliers (14,): of the bounds, then of the torque rows; positive at an upper limit, negative at a lower one.
+    Stationarity counts relative to the gradient's scale, complementarity relative to the multiplier's.
+    """
+    worst = 0.0
+    scale = 1.0
+    for i in range(7):
+        scale = max(scale, abs(gradient[i]))
+    for i in range(7):
+        tau = 0.0
+        slope = gradient[i] + multipliers[i]
+        for j in range(7):
+            tau += M[i, j] * x[j]
+            slope += H[i, j] * x[j] + M[j, i] * multipliers[7 + j]
+        if not math.isfinite(slope):
+            return math.inf
+        worst = max(worst, abs(slope) / scale)
+        worst = max(worst, lower[i] - x[i], x[i] - upper[i])
+        worst = max(worst, tau_lower[i] - tau, tau - tau_upper[i])
+        for multiplier, below, above in (
+            (multipliers[i], x[i] - lower[i], upper[i] - x[i]),
+            (multipliers[7 + i], tau - tau_lower[i], tau_upper[i] - tau),
+        ):
+            slack = above if multiplier > 0.0 else below
+            worst = max(worst, min(abs(multiplier) / scale, abs(slack)))
+    return worst
+
 
 MOST_CHANGES = 40  # of the active limits; a problem that needs more is a general solver's
 _VIOLATED = 1e-9  # rad/s^2 and Nm: rounding is no violation

@@ -1,5 +1,6 @@
 """What a session asks of a controller, and what a controller of another package is made of."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from numpy import void
@@ -68,13 +69,14 @@ class ArmLaw(Protocol):
 
 
 class Controller(Protocol):
-    """Both arms' controller, (left, right), in the order in which a session asks it each tick.
+    """The controller of a cell's arms, left before right, in the order in which a session asks it each tick.
 
-    Sides that share a clock are all observed, then decided on, then commanded; with two clocks each arm has its turn.
+    `side` is an arm's place among `arms`. Arms that share a clock are all observed, then decided on, then commanded;
+    with two clocks each arm has its turn.
     """
 
     @property
-    def arms(self) -> tuple[ObservedArm, ObservedArm]: ...
+    def arms(self) -> Sequence[ObservedArm]: ...
     @property
     def machine(self) -> ModeMachine: ...
     @property
@@ -95,7 +97,7 @@ class Controller(Protocol):
         ...
 
     def follow(self, ante: NDArray[void], post: NDArray[void], stiffness: NDArray) -> None:
-        """Take the references (2, n) of POINT and the plan's stiffness (6,), N/m and Nm/rad, before a clock runs."""
+        """Take the references (arms, n) of POINT and the plan's stiffness (6,), N/m and Nm/rad, before a clock runs."""
         ...
 
     def observe(self, side: int, elapsed_ns: int) -> None:
@@ -111,5 +113,5 @@ class Controller(Protocol):
         ...
 
     def finish(self) -> None:
-        """Write what concerns both arms, once those of this turn are commanded."""
+        """Write what concerns the arms together, once those of this turn are commanded."""
         ...

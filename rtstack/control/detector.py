@@ -27,7 +27,7 @@ def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, t
     window = history.shape[0]
     k = memory.head[0]
     hit = False
-    if memory.count[0] >= window:
+    if memory.filled[0] >= window:
         if memory.frozen[0] == 0:
             size = math.sqrt(total[0] ** 2 + total[1] ** 2 + total[2] ** 2) / window
             for i in range(3):
@@ -46,7 +46,7 @@ def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, t
         if hit:
             memory.frozen[0] = 1
     else:
-        memory.count[0] += 1
+        memory.filled[0] += 1
     for i in range(3):
         history[k, FORCE + i], history[k, VELOCITY + i] = force[i], velocity[i]
         total[i] += force[i]
@@ -55,14 +55,14 @@ def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, t
 
 
 class DetectorMemory(NamedTuple):
-    """History (window, 6) of f N and v m/s, the place of the oldest (1,), and how many there are (1,).
+    """History (window, 6) of f N and v m/s; head (1,): the row of the oldest; filled (1,): the number of rows in use.
 
     total (3,) N: the sum of the forces in it; tare (3,) N: what the force is counted from; frozen (1,): if it stays.
     """
 
     history: NDArray[np.float64]
     head: NDArray[np.int64]
-    count: NDArray[np.int64]
+    filled: NDArray[np.int64]
     total: NDArray[np.float64]
     tare: NDArray[np.float64]
     frozen: NDArray[np.int64]

@@ -5,12 +5,109 @@ import math
 from hal.compilation import compiled
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed
 from rtstack.control.detector import impact_now
-from rtstack.control.friction import friction_torque
 from rtstack.control.impedance import desired_posture, desired_wrench, quadratic_cost, task_inertia
-from rtstack.control.kinematics import end_effector
-from rtstack.control.limits import acceleration_bounds, torque_bounds
 from rtstack.control.observer import momentum_residual
 from rtstack.samples import QpStatus
+
+
+@compiled
+def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
+    """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2).
+
+    The classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, with dv0 and alpha of the point of the body
+    at the world's origin.
+    """
+    for i in range(3):
+        work.position[i] = p7[i] + R7[i, 0] * face[0] + R7[i, 1] * face[1] + R7[i, 2] * face[2]
+        for j in range(3):
+            work.rotation[i, j] = (
+                R7[i, 0] * R_joint_ee[0, j] + R7[i, 1] * R_joint_ee[1, j] + R7[i, 2] * R_joint_ee[2, j]
+            )
+    x = work.position[0]
+    y = work.position[1]
+    z = work.position[2]
+    for i in range(6):
+        work.twist[i] = 0.0
+        work.dJdq[i] = 0.0
+    for k in range(7):
+        wx = J0[3, k]
+        wy = J0[4, k]
+        wz = J0[5, k]
+        work.J[0, k] = J0[0, k] + wy * z - wz * y
+        work.J[1, k] = J0[1, k] + wz * x - wx * z
+        work.J[2, k] = J0[2, k] + wx * y - wy * x
+        work.J[3, k] = wx
+        work.J[4, k] = wy
+        work.J[5, k] = wz
+        for i in range(6):
+            work.twist[i] += work.J[i, k] * dq[k]
+            work.dJdq[i] += dJ0[i, k] * dq[k]
+    a = work.dJdq
+    v = work.twist
+    ax = a[0] + (a[4] * z - a[5] * y) + (v[4] * v[2] - v[5] * v[1])
+    ay = a[1] + (a[5] * x - a[3] * z) + (v[5] * v[0] - v[3] * v[2])
+    az = a[2] + (a[3] * y - a[4] * x) + (v[3] * v[1] - v[4] * v[0])
+    a[0] = ax
+    a[1] = ay
+    a[2] = az
+
+
+@compiled
+def acceleration_bounds(q, dq, push, limits, lower, upper):
+    """Write the bounds of ddq, (7,), rad/s^2. limits: a record of CONTROL_LIMITS (rtstack.safety.limits).
+
+    (13) is the position-dependent velocity limit of the arm, which falls to zero before the position limit: it keeps
+    (12) too, by braking. push (7,): rad/s^2, what external torques accelerate the joints with; where it drives a joint
+    towards a line as much more is braked, up to `push_max` and to what the other line allows.
+    """
+    for i in range(7):
+        most = limits.push_max[i]
+        high = _largest(limits.q_upper[i] - q[i], dq[i], limits, i)
+        low = -_largest(q[i] - limits.q_lower[i], -dq[i], limits, i)
+        upper[i] = max(high - min(max(push[i], 0.0), most), low)
+        lower[i] = min(low - max(min(push[i], 0.0), -most), high)
+
+
+@compiled
+def _largest(room, speed, limits, i):
+    """Return the largest acceleration, rad/s^2, of joint i towards a position limit, `room` rad before it, at `speed`.
+
+    With the velocity v(room) that is allowed: d/dt (v - speed) >= -(v - speed) / approach_s. So the distance from
+    the line falls with that time constant at most, whatever the torque's rate; a joint beyond the line comes back, and
+    one on it stays there. Where v is zero it goes on as its tangent: a joint that is pushed beyond is pushed back.
+    Never more than `braking` is asked for: limits are kept in a soft sense, as the paper says, and the problem stays
+    feasible.
+    """
+    offset, deceleration = limits.velocity_offset[i], limits.deceleration[i]
+    slope = deceleration / offset
+    allowed = slope * room - 0.5 * offset
+    if allowed > 0.0:
+        allowed = math.sqrt(2.0 * deceleration * room) - offset
+        slope = deceleration / (allowed + offset)
+    largest = (allowed - speed) / limits.approach_s - slope * speed
+    # both: at full speed the position's line may be crossed within a tick, before which dq_max alone does not brake
+    largest = min(largest, (limits.dq_max[i] - speed) / limits.approach_s)
+    return max(largest, -limits.braking[i])
+
+
+@compiled
+def torque_bounds(work, limits):
+    """Write the bounds of M ddq, Nm, that keep the commanded torque (M ddq + C dq + friction) within tau_max, and with
+    gravity (14), as it is measured, within tau_J_max."""
+    for i in range(7):
+        motion, gravity = work.coriolis[i] + work.friction[i], work.gravity[i]
+        most, most_measured = limits.tau_max[i], limits.tau_J_max[i]
+        work.tau_upper[i] = min(most, most_measured - gravity) - motion
+        work.tau_lower[i] = max(-most, -most_measured - gravity) - motion
+
+
+@compiled
+def friction_torque(dq, p1, p2, p3, scale, out):
+    """Write the torque (7,), Nm, that overcomes the friction at dq: it has the sign of the velocity."""
+    for i in range(7):
+        rest = 1.0 / (1.0 + math.exp(-p2[i] * p3[i]))
+        out[i] = scale * p1[i] * (1.0 / (1.0 + math.exp(-p2[i] * (dq[i] + p3[i]))) - rest)
+
 
 UNCONSTRAINED = int(QpStatus.UNCONSTRAINED)
 
@@ -130,3 +227,12 @@ def force_norm(left, right):
     norm = math.sqrt(square)
     left[0].force_norm = norm
     right[0].force_norm = norm
+
+
+@compiled
+def force_norm_of_one(arm):
+    """(33) of a cell's only arm."""
+    square = 0.0
+    for i in range(6):
+        square += arm[0].wrench_desired[i] ** 2
+    arm[0].force_norm = math.sqrt(square)

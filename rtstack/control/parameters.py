@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.robots import FR3, RobotModel
+from rtstack.samples import LawInertia
 
 
 def _fixed(*values: float) -> Any:
@@ -75,12 +76,17 @@ class CompletionParameters:
 
 @dataclass(frozen=True, slots=True)
 class InertiaParameters:
-    """Motor side. B_theta: the robot model's, by default the FR3's."""
+    """Motor side. B_theta (7,): kg m^2, the robot model's, by default the FR3's. law_inertia: used by the law."""
 
     B_theta: Array = field(default_factory=lambda: FR3.B_theta)
-    # (4) of the reference-spreading paper leaves it out; the impact-map paper adds it and says it is the better choice
-    include_B_theta: bool = True
+    # the reference-spreading paper uses M; the impact-map paper adds B_theta and reports that it tracks better
+    law_inertia: LawInertia = LawInertia.LINKS_AND_MOTORS
     observer_gain_hz: float = 200.0  # K_O, 1/s: about 5 ms, the bandwidth of the collision-monitoring study
+
+    @property
+    def added(self) -> Array:
+        """What the law adds to the diagonal of M, kg m^2 (7,)."""
+        return np.zeros(7) if LawInertia(self.law_inertia) is LawInertia.LINKS else self.B_theta
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,8 @@ import daqp
 import numpy as np
 import proxsuite
 
-from hal.arrays import Array
-from rtstack.control.active_set import ActiveSetProgram
-from rtstack.control.optimality import OPTIMALITY_TOLERANCE, optimality_error
+from hal.base.arrays import Array
+from rtstack.control.active_set import OPTIMALITY_TOLERANCE, ActiveSetProgram, optimality_error
 from rtstack.samples import QpSolver, QpStatus
 
 # Together they cap the time of a problem that ProxQP cannot solve at about half a millisecond; a warm one takes 10 to

@@ -1,9 +1,11 @@
 """The tick: an arm's state and its setpoint become a torque. Pure: no I/O, no clock, no allocation, no exception.
 
-`ArmController` is one arm's tick in two halves, observe and command; `DualArmController` joins two of them by the
-shared mode. Where both states carry one time stamp both are observed before either is commanded, so that the order
-cannot matter.
+`ArmController` is one arm's tick in two halves, observe and command; `CellController` joins a cell's arms, one or two,
+by the shared mode. Where both states carry one time stamp both are observed before either is commanded, so that the
+order cannot matter.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,7 @@ from rtstack.control.completion import CompletionDetector
 from rtstack.control.controller import ArmLaw
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.impedance import note_setpoints
-from rtstack.control.law import force_norm, observe, pose_problem, remember_torque, torque
+from rtstack.control.law import force_norm, force_norm_of_one, observe, pose_problem, remember_torque, torque
 from rtstack.control.modes import ModeMachine
 from rtstack.control.parameters import (
     CompletionParameters,
@@ -61,7 +63,7 @@ def _observer_parameters(
     record = np.zeros(1, OBSERVER_PARAMETERS)
     p = record[0]
     p["face"], p["R_joint_ee"], p["R_world_base"] = model.face, model.R_joint_ee, model.T_world_base[:3, :3]
-    p["B_theta"] = inertia.B_theta if inertia.include_B_theta else 0.0
+    p["B_theta"] = inertia.added
     p["p1"], p["p2"], p["p3"], p["friction_scale"] = friction.p1, friction.p2, friction.p3, friction.scale
     p["gravity_share"], p["observer_gain_hz"] = friction.gravity_share, inertia.observer_gain_hz
     p["period_s"] = parameters.period_s
@@ -112,7 +114,7 @@ class ArmController:
         work = self.workspace[0]
         self._tau_previous = work["tau_previous"]
         self.follow(np.zeros(1, POINT), np.zeros(1, POINT))
-        self.velocity = work["twist"][:3]
+        self.velocity, self._mirrored = work["twist"][:3], np.zeros(3)
         self._force_world, self._rotation = work["force_world"], work["rotation"]
         self._qp = tuple(work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper", "ddq"))
         self._bind()
@@ -132,13 +134,19 @@ class ArmController:
         self._remember = bound(remember_torque, self._tau_applied, self._tau_previous)
 
     def observe(self) -> None:
-        """Take the state in `sample`: kinematics, dynamics, external force, residual, impact."""
+        """Compute kinematics, dynamics, external force, residual and impact of the state in `sample`."""
         self.model.update(self._q, self._dq)
         self.impact = self._observe()
 
-    def in_contact(self, t_s: float, other: "ArmController") -> bool:
-        """Whether this arm's pad, as last observed, is in lasting contact. Evaluated in each tick that waits for it."""
-        return self.completion.update(t_s, self._force_world, self._rotation, self.velocity, other.velocity)
+    def in_contact(self, t_s: float, other: "ArmController | None") -> bool:
+        """Whether this arm's pad, as last observed, is in lasting contact. Evaluated in each tick that waits for it.
+
+        other: whose pad presses on the same object; None: the pad presses on something that stands still.
+        """
+        against = self._mirrored if other is None else other.velocity
+        if other is None:  # the whole speed counts, as that of two pads that meet in the middle
+            np.negative(self.velocity, out=against)
+        return self.completion.update(t_s, self._force_world, self._rotation, self.velocity, against)
 
     def command(self, mode: Mode) -> QpStatus:
         """Find tau_desired in `sample` for the setpoint. Where the QP has no answer the last torque stays."""
@@ -196,25 +204,22 @@ class ArmController:
         self._remember()
 
 
-class DualArmController:
-    """Two arms and the mode that they share. laws: of the torques, by default the arms' own QP."""
+class CellController:
+    """A cell's arms, one or two, and the mode that they share. laws: of each arm's torque, by default its own QP."""
 
     def __init__(
         self,
-        left: ArmController,
-        right: ArmController,
+        arms: Sequence[ArmController],
         machine: ModeMachine,
         monitor: TrialMonitor | None = None,
         reaction: ReactionMotion | None = None,
-        laws: tuple[ArmLaw, ArmLaw] | None = None,
+        laws: Sequence[ArmLaw] | None = None,
     ) -> None:
         self.laws = laws
-        self.left = left
-        self.right = right
-        self.arms = (left, right)
+        self.arms = tuple(arms)
         self.machine = machine
         self.monitor = monitor
-        self.impact_s = [-1.0, -1.0]  # when each arm's detector first fired, s; negative: it has not
+        self.impact_s = [-1.0] * len(self.arms)  # when each arm's detector first fired, s; negative: it has not
         self.first_impact_s = -1.0
         self.reaction_over = False
         self._reaction = reaction
@@ -222,13 +227,14 @@ class DualArmController:
         until_s = machine.nominal_impact_s - machine.parameters.exclusion_s
         self._tare_until_ns = round(until_s * 1e9) if until_s > 0.0 else NEVER_NS
         self._note = tuple(bound(note_setpoints, arm.setpoint, arm.control) for arm in self.arms)
-        self._force_norm = bound(force_norm, left.control, right.control)
+        controls = [arm.control for arm in self.arms]
+        self._force_norm = bound(force_norm_of_one if len(controls) == 1 else force_norm, *controls)
         if monitor is not None:
             for side, arm in enumerate(self.arms):
                 monitor.bind(side, arm.sample, arm.workspace, arm.control)
 
     def follow(self, ante: NDArray, post: NDArray, stiffness: NDArray) -> None:
-        """Look up where the references (2, n) are, before a clock runs; see `pursue`."""
+        """Look up where the references (arms, n) are, before a clock runs; see `pursue`."""
         for side, arm in enumerate(self.arms):
             arm.pursue(stiffness, arm.parameters.posture_gain)
             arm.follow(ante[side], post[side])
@@ -236,7 +242,7 @@ class DualArmController:
                 self.laws[side].follow(ante[side], post[side])
 
     def observe(self, side: int, elapsed_ns: int) -> None:
-        """Take the state in an arm's sample, so long after its start."""
+        """Observe one arm: read the state from its sample. elapsed_ns: since the start."""
         arm = self.arms[side]
         if elapsed_ns >= self._tare_until_ns:
             arm.tared[0] = 1
@@ -252,7 +258,9 @@ class DualArmController:
 
     def decide(self, t_s: float) -> None:
         """Advance the shared mode after the observations of this tick. t_s: time since the start of the reference."""
-        impact = self.left.impact or self.right.impact
+        impact = False
+        for arm in self.arms:
+            impact = impact or arm.impact
         if impact:
             self._remember_impact(t_s)
         machine = self.machine
@@ -297,31 +305,12 @@ class DualArmController:
         return self.laws[side].command(mode)
 
     def contact_complete(self, t_s: float) -> bool:
-        """Whether both pads are in lasting contact; each with the other one's newest state."""
-        left, right = self.left, self.right
-        return left.in_contact(t_s, right) & right.in_contact(t_s, left)  # both are asked: each keeps its own time
+        """Whether each pad is in lasting contact, with the other one's newest state where there are two."""
+        first, last = self.arms[0], self.arms[-1]
+        if first is last:
+            return first.in_contact(t_s, None)
+        return first.in_contact(t_s, last) & last.in_contact(t_s, first)  # both are asked: each keeps its own time
 
     def finish(self) -> None:
-        """Write what concerns both arms."""
+        """Write what concerns the arms together."""
         self._force_norm()
-
-
-def make_arm_controller(
-    model: ArmModel,
-    parameters: ControlParameters | None = None,
-    detector: DetectorParameters | None = None,
-    inertia: InertiaParameters | None = None,
-    friction: FrictionParameters | None = None,
-    solver: QpSolver = QpSolver.PROXQP,
-    limits: SafetyLimits = HARDWARE,
-) -> ArmController:
-    """Return an arm's controller with the papers' numbers where none are given."""
-    return ArmController(
-        model,
-        parameters or ControlParameters(),
-        detector or DetectorParameters(),
-        inertia or InertiaParameters(),
-        friction or FrictionParameters(),
-        solver,
-        limits=limits,
-    )

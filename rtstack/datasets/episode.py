@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from hal.topic import Topic
 from rtstack.log.errors import LogError
-from rtstack.log.job import Attachment
-from rtstack.log.pictures import camera_topics
 from rtstack.log.reader import Log, read_log
+from rtstack.log.writing.job import Attachment
+from rtstack.log.writing.pictures import camera_topics
+from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, TOPICS
 
 PICTURES = re.compile(r"/camera/(\w+)/image")
@@ -51,6 +52,11 @@ class Episode:
     pictures: Mapping[str, Pictures] = field(default_factory=dict)
 
     @property
+    def sides(self) -> tuple[str, ...]:
+        """The sides of the arms that it has samples of, left before right: one or two."""
+        return tuple(side for side, topic in zip(SIDES, ARM_TOPICS, strict=True) if len(self.records[topic]))
+
+    @property
     def labels(self) -> dict[str, str]:
         """What came out: success (true or false), impact_verdict and failure_reason; "none" where the log has none."""
         result = self.metadata.get("result", {})
@@ -67,10 +73,10 @@ class Episode:
     @property
     def task(self) -> str:
         """The task in words, by the object and the motion of the reference."""
-        thing = self.facts["object"]
+        thing, arms = self.facts["object"], "both arms" if len(self.sides) == 2 else f"the {self.sides[0]} arm"
         if thing == NONE:
-            return "move both arms"
-        return f"{self.metadata.get('trial', {}).get('motion', 'grab')} the {thing.replace('_', ' ')} with both arms"
+            return f"move {arms}"
+        return f"{self.metadata.get('trial', {}).get('motion', 'grab')} the {thing.replace('_', ' ')} with {arms}"
 
     @property
     def recorded(self) -> datetime:
@@ -99,9 +105,8 @@ class Episode:
 def check_log(path: Path) -> Log:
     """Open a log that may become an episode. Raises LogError with one line."""
     log = read_log(path)
-    for topic in ARM_TOPICS:
-        if not log.count(topic):
-            raise LogError(f"{path}: it has no samples of both arms: there is nothing to export")
+    if not any(map(log.count, ARM_TOPICS)):
+        raise LogError(f"{path}: it has no samples of an arm: there is nothing to export")
     return log
 
 

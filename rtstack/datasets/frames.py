@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.record import Field
+from hal.base.record import Field
 from hal.state import ARM_STATE_FIELDS
 from hal.topic import Topic
 from rtstack.datasets.episode import Episode, Pictures, field_attributes
 from rtstack.log.errors import LogError
+from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
 
 TICK_NS, TICKS = 1_000_000, 1000  # of a tick, and how many a second has
@@ -43,8 +44,8 @@ def pictures_at(episode: Episode, pictures: Pictures, count: int, fps: int) -> N
 
 
 def span_of(episode: Episode) -> tuple[int, int]:
-    """Return from when to when both arms have samples, ns of the robot's time."""
-    arms = [episode.records[topic]["t_ns"] for topic in ARM_TOPICS]
+    """Return from when to when all arms have samples, ns of the robot's time."""
+    arms = [episode.records[topic]["t_ns"] for topic in _topics(ARM_TOPICS, episode.sides)]
     return max(int(t_ns[0]) for t_ns in arms), min(int(t_ns[-1]) for t_ns in arms)
 
 
@@ -66,12 +67,13 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
         if len(records) and TOPICS[name].rate_hz
     }
     found: dict[str, Feature] = {}
-    state = [_of_arms(at, ARM_TOPICS, _field(TOPICS[ARM_TOPICS[0]], name)) for name in ("q", "dq")]
+    arms, controls = (_topics(topics, episode.sides) for topics in (ARM_TOPICS, CONTROL_TOPICS))
+    state = [_of_arms(at, arms, _field(TOPICS[arms[0]], name)) for name in ("q", "dq")]
     found["observation.state"] = Feature(
         np.hstack([each.values for each in state])[step - 1 :: step], sum((each.names for each in state), ()),
-        {"unit": "rad, rad/s", "description": "Joint positions of both arms, then joint velocities."},
+        {"unit": "rad, rad/s", "description": "Joint positions of all arms, then joint velocities."},
     )  # fmt: skip
-    wanted = _of_arms(at, CONTROL_TOPICS, _field(TOPICS[CONTROL_TOPICS[0]], "pose_ref"))
+    wanted = _of_arms(at, controls, _field(TOPICS[controls[0]], "pose_ref"))
     ends = np.minimum(step * np.arange(2, frames + 2) - 1, len(times) - 1)
     found["action"] = Feature(wanted.values[ends], wanted.names, {
         **wanted.attributes, "description": f"{wanted.attributes['description']} At the next frame."
@@ -85,7 +87,7 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
         ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
         {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
     )
-    for name, feature in _ticks(at) if ticks else ():
+    for name, feature in _ticks(at, episode.sides) if ticks else ():
         found[name] = Feature(feature.values.reshape(frames, step, -1), feature.names, feature.attributes)
     ended = np.arange(frames) == frames - 1
     for name, values in (("next.done", ended), ("next.success", ended & (episode.labels["success"] == "true"))):
@@ -93,19 +95,25 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
     return found
 
 
-def tick_features() -> Iterator[tuple[str, tuple[str, ...], Field]]:
-    """Yield the features that have 1 kHz samples: name, the topics whose values it has, and the field of them."""
+def _topics(of_arms: Sequence[str], sides: Sequence[str]) -> tuple[str, ...]:
+    return tuple(topic for topic in of_arms if TOPICS[topic].group in sides)
+
+
+def tick_features(sides: Sequence[str] = SIDES) -> Iterator[tuple[str, tuple[str, ...], Field]]:
+    """Yield the features that have 1 kHz samples, of a log with the arms of these sides: name, the topics whose values
+    it has, and the field of them."""
+    arms, controls = (_topics(topics, sides) for topics in (ARM_TOPICS, CONTROL_TOPICS))
     others = [(name,) for name in TICK_TOPICS if name not in (*ARM_TOPICS, *CONTROL_TOPICS)]
-    for topics in (ARM_TOPICS, CONTROL_TOPICS, *others):
+    for topics in (arms, controls, *others):
         for field in TOPICS[topics[0]].message.fields:
-            prefix = "observation" if topics == ARM_TOPICS and field.name in _MEASURED else "control"
+            prefix = "observation" if topics == arms and field.name in _MEASURED else "control"
             prefix = topics[0][1:].replace("/", "_") if topics in others else prefix
             yield f"{prefix}.{field.name}_1khz", topics, field
 
 
-def _ticks(at: Mapping[str, NDArray]) -> Iterator[tuple[str, Feature]]:
-    """Yield every field of the topics of every tick: both arms' beside each other, left before right."""
-    for name, topics, field in tick_features():
+def _ticks(at: Mapping[str, NDArray], sides: Sequence[str]) -> Iterator[tuple[str, Feature]]:
+    """Yield every field of the topics of every tick: all arms' beside each other, left before right."""
+    for name, topics, field in tick_features(sides):
         if all(topic in at for topic in topics):
             yield name, _of_arms(at, topics, field)
 

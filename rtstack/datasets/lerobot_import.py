@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from hal.files import replacing
+from hal.base.files import replacing
 from rtstack.datasets.export import check_installed
 from rtstack.datasets.frames import TICK_NS, tick_features
 from rtstack.datasets.lerobot import DATA, IMAGES, PICTURE_TIMES, VERSION, LeRobot, plain
-from rtstack.log.batches import BatchWriter
 from rtstack.log.errors import LogError
-from rtstack.log.job import Attachment
-from rtstack.log.mcap_writer import McapWriter
-from rtstack.log.pictures import camera_schemas, camera_topics, picture_message
+from rtstack.log.writing.job import Attachment
+from rtstack.log.writing.mcap_writer import BatchWriter, McapWriter
+from rtstack.log.writing.pictures import camera_schemas, camera_topics, picture_message
+from rtstack.samples import SIDES
 from rtstack.topics import EVENT_TOPIC, OBJECT_TOPIC, TOPICS
 
 _POSE = "observation.environment_state"
@@ -31,11 +31,11 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
         raise LogError(f"{folder}: it is no LeRobot data set: meta/info.json is missing")
     check_installed(LeRobot.needs)
     try:
-        row, table = _episode(folder, number)
+        row, table, sides = _episode(folder, number)
         source = json.loads(row["source"])
         attachments = [Attachment(name, kind, text.encode()) for name, (kind, text) in
                        json.loads(row["attachments"]).items()]  # fmt: skip
-        records = _records(row, table)
+        records = _records(row, table, sides)
         cameras = json.loads(row.get("cameras", "{}"))
         pictures = _pictures(table, cameras)
         metadata = {
@@ -77,8 +77,8 @@ def _pictures(table: Any, cameras: dict[str, dict[str, tuple[int, str]]]) -> dic
     return made
 
 
-def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any]:
-    """Return what the data set says of an episode, and the table of its frames."""
+def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any, tuple[str, ...]]:
+    """Return what the data set says of an episode, the table of its frames, and the sides of its arms."""
     import pyarrow.parquet as pq
 
     info = json.loads((folder / "meta" / "info.json").read_text())
@@ -92,14 +92,16 @@ def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any]:
     rows = pq.read_table(folder / "meta" / "episodes", filters=about).to_pylist()
     row = rows[0]
     data = folder / DATA.format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
-    return row, pq.read_table(data, filters=about)
+    state = info["features"]["observation.state"]["names"]
+    sides = tuple(side for side in SIDES if any(name.startswith(f"{side}_") for name in state))
+    return row, pq.read_table(data, filters=about), sides
 
 
-def _records(row: dict[str, Any], table: Any) -> dict[str, Any]:
+def _records(row: dict[str, Any], table: Any, sides: tuple[str, ...]) -> dict[str, Any]:
     """Return the records of all topics, as the log had them."""
     frames = len(table)
     found: dict[str, Any] = {}
-    for name, topics, field in tick_features():
+    for name, topics, field in tick_features(sides):
         if name not in table.column_names:
             continue
         values = plain(table, name)

@@ -59,6 +59,7 @@ class Zarr:
                 if arrays and names != set(arrays):
                     other = json.loads(said["labels"]["source"])["file"]
                     raise LogError(f"{other}: its topics or cameras are not those of the first log")
+                rows = 0
                 for name in sorted(names):
                     values = file[name]
                     if name not in arrays:
@@ -70,7 +71,8 @@ class Zarr:
                     elif values.shape[1:] != arrays[name].shape[1:]:
                         raise LogError(f"{path.name}: {name} has another shape than in the first log")
                     arrays[name].append(values)
-                ends.append((ends[-1] if ends else 0) + len(values))
+                    rows = len(values)
+                ends.append((ends[-1] if ends else 0) + rows)
                 labels.append(said["labels"])
         meta = root.create_group("meta")
         meta.create_array("episode_ends", data=np.array(ends, np.int64))

@@ -16,7 +16,7 @@ from typing import Any
 
 from fsspec.core import url_to_fs
 
-from hal.files import replacing
+from hal.base.files import replacing
 from rtstack.trials.errors import TrialError
 
 S3 = "s3://"

@@ -9,13 +9,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
+from hal.displacement import Displacement
 from rtstack.experiments.plan_file import PlanFile, digest_of
 from rtstack.experiments.report import Report
 from rtstack.experiments.task import digests
+from rtstack.trials.errors import TrialError
+
+if TYPE_CHECKING:
+    from rtstack.trials.carry_out import PreparedRun
 
 Row = dict[str, Any]
+DIRECT = "direct"  # the plant in the worker's process
+SIMULATED = (DIRECT, "lockstep")
 
 
 class Specification(Protocol):
@@ -61,6 +68,19 @@ class Stage:
     tasks: Sequence[Task]
 
 
+@dataclass(frozen=True, slots=True)
+class CellRun:
+    """A case as a run on a cell's arms. log: its file, absolute; record: what its log says of the campaign.
+
+    wanted: where the object is to stand before it, from its nominal place.
+    """
+
+    run: "PreparedRun[Any]"
+    log: Path
+    record: Mapping[str, str]
+    wanted: Displacement
+
+
 # yields stages, and is sent what failed in each of them: name of the task -> reason
 Stages = Generator[Stage, dict[str, str], Any]
 
@@ -70,6 +90,7 @@ class Request:
     """What was asked for on the command line. out: the campaign's folder, absolute; logs: an address that fsspec knows,
     for recordings and logs, where they are not to be in the folder; cell_file: a cell's description that is not the
     default one; profile: of the simulated robot, where it is not the plan's; data: a folder of measurements of others.
+    cell: the kind on which it runs: direct, or lockstep, which gives the same rows, or arms at their addresses.
     """
 
     file: PlanFile
@@ -78,6 +99,12 @@ class Request:
     cell_file: Path | None = None
     profile: str | None = None
     data: Path | None = None
+    cell: str = DIRECT
+
+    @property
+    def simulated_cell(self) -> str:
+        """The kind of cell that workers open: where the cases run on arms, for what is prepared without them."""
+        return self.cell if self.cell in SIMULATED else DIRECT
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +130,8 @@ class Experiment(ABC, Generic[S, C]):
     it.
     """
 
-    options: ClassVar[frozenset[str]] = frozenset()  # of the command line that it takes: "logs", "cell_file"
+    # What of these options of the command line this kind takes: cell, logs, cell_file, profile, data.
+    options: ClassVar[frozenset[str]] = frozenset()
     unit: ClassVar[str] = "trials"  # what the cases are called, in the plural
 
     def __init__(
@@ -122,7 +150,8 @@ class Experiment(ABC, Generic[S, C]):
         self.columns = columns
         self.sources = digests(sources)
         # of everything that a result depends on but code: a folder is resumed with the same digest only
-        self.digest = digest_of(specification, sources, also)
+        where = also if request.cell == DIRECT else (also, request.cell)
+        self.digest = digest_of(specification, sources, where)
 
     @property
     def logged(self) -> bool:
@@ -133,6 +162,14 @@ class Experiment(ABC, Generic[S, C]):
     def plans(cls) -> Mapping[str, Path]:
         """Return the plans that this plug-in brings: name, as `rtstack campaign NAME` takes it -> file."""
         return {}
+
+    @classmethod
+    def composed(cls, values: Mapping[str, Any]) -> str:
+        """Return the text of a plan file that a person asks for on the page Campaigns, by the form's values.
+
+        Raises TrialError where plans of this kind are not made there.
+        """
+        raise TrialError(f"plans of the kind {cls.__name__} are written as a file")
 
     @classmethod
     @abstractmethod
@@ -161,6 +198,13 @@ class Experiment(ABC, Generic[S, C]):
     @abstractmethod
     def tasks(self, cases: Sequence[C]) -> Iterable[Task]:
         """Return the tasks that make the rows of these cases."""
+
+    def on_cell(self, case: C) -> CellRun:
+        """Return a case as a run on arms; its row then comes from its log, by `adopt`.
+
+        Raises TrialError where this kind runs in the simulator alone.
+        """
+        raise TrialError(f"{self.specification.name} runs in the simulator alone: --cell direct, or lockstep")
 
     def robot_s(self, row: Row) -> float:
         """Return how many seconds of the robot's time a row took."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rtstack.cells import IDEAL
+from rtstack.experiments.registration import UNDIGESTED
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,8 @@ def digest_of(specification: Any, further: Iterable[Path] = (), also: object = N
     also: whatever else results depend on, a value that says all of itself when printed.
     """
     values = asdict(specification) | {"digest": ""}  # as plans had it when they knew their digest: old folders go on
-    values.pop("kind", None)
+    for name in ("kind", *UNDIGESTED):
+        values.pop(name, None)
     _forget_ideal(values)
     sha = hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode())
     for path in further:

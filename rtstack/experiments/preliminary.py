@@ -27,7 +27,7 @@ class Preliminary:
         rows = self._store.rows(self._experiment.cases(self._store.rows()))
         try:
             report = self._experiment.report(Results(rows, self._store.out, preliminary=True))
-            write_preliminary(report, self._experiment, self._store.out)
+            write_preliminary(report, self._experiment, self._store)
         except Exception as error:  # of a kind's report: the results matter more than a picture of them
             print(f"rtstack: no figures meanwhile: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
             self._due_s = float("inf")

@@ -20,7 +20,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from hal.files import write_whole
+from hal.base.files import write_whole
 
 PROGRESS = "progress.json"
 LINE_S = 60.0

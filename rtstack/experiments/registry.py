@@ -22,7 +22,7 @@ from rtstack.experiments.plan_file import PlanFile, plan_file_at
 from rtstack.trials.errors import TrialError
 
 GROUP = "rtstack.experiments"
-DEFAULT = "reference-spreading"  # the kind of a plan that names none
+_FIRST = "reference-spreading"  # of plans that were written when there was one kind
 
 KINDS = ExtensionPoint(GROUP, "kind of experiment", type)
 
@@ -47,10 +47,10 @@ def kind_named(name: str) -> type[Experiment[Any, Any]]:
 def kind_of(path: Path) -> str:
     """Return the kind that a plan file names. What is wrong with a file is said by the kind that reads it."""
     try:
-        kind = tomllib.loads(path.read_text(encoding="utf-8")).get("kind", DEFAULT)
+        kind = tomllib.loads(path.read_text(encoding="utf-8")).get("kind", _FIRST)
     except (OSError, ValueError):
-        return DEFAULT
-    return kind if isinstance(kind, str) else DEFAULT
+        return _FIRST
+    return kind if isinstance(kind, str) else _FIRST
 
 
 def plan_paths() -> dict[str, Path]:

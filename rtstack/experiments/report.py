@@ -6,15 +6,16 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from hal.files import write_whole
+from hal.base.files import write_whole
 from rtstack.experiments.claims import Claim
 from rtstack.experiments.page import PAGE, embedded, page_template
+from rtstack.experiments.registration import PLAN_DIGEST, Registration, file_digest
 
 if TYPE_CHECKING:
     from rtstack.experiments.experiment import Experiment
@@ -79,8 +80,9 @@ class Report:
     reached: bool = True
 
 
-def write_preliminary(report: Report, experiment: "Experiment[Any, Any]", out: Path) -> None:
+def write_preliminary(report: Report, experiment: "Experiment[Any, Any]", store: "Store") -> None:
     """Write figures and report.json, each whole whenever it is read, of a report that is not the last one."""
+    out = store.out
     folder = out / FIGURES
     folder.mkdir(exist_ok=True)
     for figure in _figures(report):
@@ -90,8 +92,8 @@ def write_preliminary(report: Report, experiment: "Experiment[Any, Any]", out: P
     numbers = {
         "plan": experiment.specification.name,
         "digest": experiment.digest,
-        "conditions": [{"name": part.name, "claims": [_claim(claim) for claim in part.claims]} | dict(part.numbers)
-                       for part in report.parts],
+        "registration": registered(experiment, store),
+        "conditions": [_part(part) for part in report.parts],
     }  # fmt: skip
     write_whole(out / NUMBERS, json.dumps(numbers, indent=1) + "\n")
 
@@ -102,7 +104,7 @@ def write_report(
     """Write all of it: results.csv, times.csv, figures/*.png, report.json and report.html. Returns the page's path."""
     out = store.out
     store.write_csv(rows)
-    write_preliminary(report, experiment, out)
+    write_preliminary(report, experiment, store)
     captions = {figure.file: figure.caption for figure in _figures(report)}
     placed: set[str] = set()
 
@@ -117,12 +119,23 @@ def write_report(
         digest=experiment.digest, rows=rows, planned=experiment.specification.size(), left_out=report.left_out,
         parts=report.parts,
         verdicts=Counter(str(claim.verdict) for part in report.parts for claim in part.claims),
-        plan_commit=store.about()["plan_commit"], commits=sorted({row["git_commit"] for row in rows}),
+        registered=registered(experiment, store), commits=sorted({row["git_commit"] for row in rows}),
         made=report.made, pace=pace(store.invocations(), experiment.logged), **report.values,
     )  # fmt: skip
     path = out / PAGE
     write_whole(path, page)
     return path
+
+
+def registered(experiment: "Experiment[Any, Any]", store: "Store") -> dict[str, Any]:
+    """Return how the plan was fixed: commit; SHA-256 of its file now (digest) and when its first result was about to be
+    made (first_digest); whether it was changed since; and the plan's registration.
+    """
+    about, now = store.about(), file_digest(experiment.request.file.path)
+    first = about.get(PLAN_DIGEST, now)
+    fixed: Registration = getattr(experiment.specification, "registration", None) or Registration()
+    how = {"commit": about["plan_commit"], "digest": now, "first_digest": first, "changed": now != first}
+    return how | asdict(fixed)
 
 
 def pace(invocations: Sequence[Mapping[str, Any]], logged: bool) -> str:
@@ -141,6 +154,13 @@ def _figures(report: Report) -> list[Figure]:
     return [*(figure for part in report.parts for figure in part.figures), *report.figures]
 
 
+def _part(part: Section) -> dict[str, Any]:
+    tables = [asdict(table) for table in part.tables]
+    return {"name": part.name, "claims": [_claim(claim) for claim in part.claims], "tables": tables} | dict(
+        part.numbers
+    )
+
+
 def _claim(claim: Claim) -> dict[str, str]:
     verdict = {"verdict": str(claim.verdict), "figures": claim.ours, "why": claim.why}
-    return {"where": claim.where, "claim": claim.says} | verdict
+    return {"where": claim.where, "claim": claim.says, "mark": claim.mark} | verdict

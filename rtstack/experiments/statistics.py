@@ -19,6 +19,12 @@ class Interval:
     high: float | None
     n: int
 
+    @property
+    def negative(self) -> "Interval":
+        """The interval of the values with the opposite sign."""
+        low, high = (None if end is None else -end for end in (self.high, self.low))
+        return Interval(-self.mean, low, high, self.n)
+
     def below(self, other: "Interval") -> bool | None:
         """Whether this interval lies wholly below the other one; None where one of them is unknown."""
         if self.high is None or other.low is None:

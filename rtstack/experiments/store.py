@@ -11,8 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from hal.files import locked
+from hal.base.files import locked
 from rtstack.experiments.experiment import Case, Experiment, Row
+from rtstack.experiments.registration import PLAN_DIGEST, file_digest
 from rtstack.trials.errors import TrialError
 
 DATABASE = "campaign.sqlite"
@@ -76,13 +77,16 @@ class Store:
         self._lock.close()
 
     def claim(self, experiment: Experiment[Any, Any]) -> None:
-        """Note whose results these are."""
+        """Note whose results these are. The plan's file counts as it is when the first result is about to be made."""
         values = _identity(experiment) | {"plan_commit": experiment.request.file.commit}
         if experiment.request.logs is not None:
             values["logs"] = experiment.request.logs
         with self._database as database:
             rows = list(values.items())
             database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
+            if database.execute("SELECT 1 FROM results LIMIT 1").fetchone() is None:
+                noted = (PLAN_DIGEST, file_digest(experiment.request.file.path))
+                database.execute("INSERT OR REPLACE INTO campaign VALUES (?, ?)", noted)
 
     def note_invocation(self, trials: int, robot_s: float, wall_s: float, workers: int) -> None:
         """Keep how fast so many trials went."""

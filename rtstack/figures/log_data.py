@@ -7,24 +7,26 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from rtstack.figures.log_figure import FigureLog, Trace
-from rtstack.log.derived import DERIVED_TOPICS, derived
-from rtstack.log.mode_spans import mode_spans
+from rtstack.log.analysis.derived import DERIVED_TOPICS, derived
+from rtstack.log.analysis.mode_spans import mode_spans
+from rtstack.log.analysis.signals import Signal, signals
 from rtstack.log.reader import Log, read_log
-from rtstack.log.signals import Signal, signals
 from rtstack.samples import SIDES
 
 _NS = 1e-9
 
 
-def figure_log(path: Path, wanted: Sequence[Signal], name: str | None = None) -> FigureLog:
-    """Read a log. name: in the legend, the file's by default. Raises LogError with one line."""
+def figure_log(path: Path, wanted: Sequence[Signal]) -> FigureLog:
+    """Read a log; of the signals those of arms that it has. Raises LogError with one line."""
     log = read_log(path)
+    wanted = [signal for signal in wanted if signal.group not in SIDES or signal.group in log.sides]
     records = {topic: _records(log, topic) for topic in dict.fromkeys(signal.topic for signal in wanted)}
     return FigureLog(
-        name or path.stem,
+        path.stem,
         tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted),
         tuple(mode_spans(log)),
         impacts_of(log),
+        sides=log.sides,
     )
 
 

@@ -11,10 +11,10 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.figures.style import COLOURS, STYLE, mode_band, new_figure
-from rtstack.log.mode_spans import Span
-from rtstack.log.signals import Signal
+from rtstack.log.analysis.mode_spans import Span
+from rtstack.log.analysis.signals import Signal
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES, Mode
 
@@ -39,13 +39,15 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class FigureLog:
-    """What a figure shows of a log. offset_s is added to its time; impacts: (s after its first sample, arm or "")."""
+    """What a figure shows of a log. offset_s is added to its time; impacts: (s after its first sample, arm or "").
+    sides: of the arms that the log has."""
 
     name: str
     traces: tuple[Trace, ...]
     spans: tuple[Span, ...] = ()
     impacts: tuple[tuple[float, str], ...] = ()
     offset_s: float = 0.0
+    sides: tuple[str, ...] = SIDES
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,18 +103,19 @@ def panes_of(logs: Sequence[FigureLog]) -> list[Pane]:
 def _line(log: FigureLog, place: int, trace: Trace, members: list[Signal], own: list[Signal]) -> Line:
     signal = trace.signal
     reference = signal not in own
-    words = [signal.whose, signal.component] + ["reference"] * reference
+    whose = signal.whose if len(log.sides) > 1 or signal.group not in SIDES else signal.group
+    words = [whose, signal.component] + ["reference"] * reference
     if place:
         colour, style = OVERLAYS[place - 1], ":" if reference else "--" if signal.group == SIDES[1] else "-"
         words.append(f"({log.name})")
     else:
-        colour, style = _colour(signal, members), "--" if reference else "-"
+        colour, style = _colour(signal, whose, members), "--" if reference else "-"
     return Line(" ".join(filter(None, words)), place, colour, style, trace.t_s + log.offset_s, trace.values)
 
 
-def _colour(signal: Signal, members: list[Signal]) -> str:
+def _colour(signal: Signal, whose: str, members: list[Signal]) -> str:
     """Return the colour of an arm, lighter for each further component of the same field."""
-    base = COLOURS[SIDES.index(signal.whose) if signal.whose in SIDES else 2]
+    base = COLOURS[SIDES.index(whose) if whose in SIDES else 2]
     family = [one.component for one in members if one.group == signal.group and one.field == signal.field]
     share = family.index(signal.component) * min(_LIGHTER, _PALEST / len(family))
     red, green, blue = (channel + (1.0 - channel) * share for channel in to_rgb(base))

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Mode
 

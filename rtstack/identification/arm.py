@@ -18,10 +18,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from hal.base.arrays import Array
 from rtstack.identification.estimate import Estimate, curve, linear
 from rtstack.identification.fit import sigmoid
-
-Array = NDArray[np.float64]
 
 WINDOW, EVERY = 31, 7  # ticks: of the cubics, and between two samples
 SMOOTH = savgol_coeffs(WINDOW, 3)
@@ -157,11 +156,15 @@ def links(samples: ArmSamples, bare: ArmSamples | None = None) -> Links:
         Y, Y_gravity = (np.concatenate([each, np.where(carried, each[:, :, 60:], 0.0)], axis=2)
                         for each in (Y, Y_gravity))  # fmt: skip
     left, use = together.tau_J - described[0], ~together.held_out
-    blocks, weights = np.repeat(together.blocks[use], 7), np.ones(7)
-    for _ in range(2):  # joints whose torque is measured better count more
+    blocks = np.repeat(together.blocks[use], 7)
+
+    def weighted(weights: Array) -> Estimate:
         X, y = (Y * weights[:, None])[use].reshape(-1, Y.shape[2]), (left * weights)[use].reshape(-1)
-        found = linear(X, y, blocks, rank=RANK)
-        weights = 1.0 / np.maximum((left - Y @ found.value)[use].std(axis=0), 1e-4)
+        return linear(X, y, blocks, rank=RANK)
+
+    found = weighted(np.ones(7))
+    # joints whose torque is measured better count more
+    found = weighted(1.0 / np.maximum((left - Y @ found.value)[use].std(axis=0), 1e-4))
     gravity_left = Y_gravity @ found.value
     shapes = np.ones((7, n, SHAPES))
     for j in range(7):

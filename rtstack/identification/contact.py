@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from hal.base.arrays import Array
 from rtstack.identification.arm import CONTACT_N, PERIOD_S, WINDOW, rate, smooth, touches
 from rtstack.identification.estimate import Estimate, curve, linear
-
-Array = NDArray[np.float64]
 
 LONGEST_MS = 50.0
 BLOCK = 100  # ticks that share their errors: a pad's vibration dies out in some 100 ms
@@ -30,19 +29,19 @@ UNKNOWN = Estimate(np.zeros(1), np.full(1, np.inf))
 
 @dataclass(frozen=True, slots=True)
 class ContactLog:
-    """The ARM_SAMPLE records (n,) of both arms, and of each what its inertial parameters (70,) lack in the model."""
+    """The ARM_SAMPLE records (n,) of each arm, and what its inertial parameters (70,) lack in the model."""
 
-    arms: tuple[NDArray, NDArray]
-    inertial: tuple[Array, Array]
+    arms: tuple[NDArray, ...]
+    inertial: tuple[Array, ...]
 
 
 def estimate_delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float) -> Estimate:
-    """Return how late the estimate of an arm (0, 1) is beyond a low-pass of cutoff_hz, (1,), ms.
+    """Return how late the estimate of an arm, by its number, is beyond a low-pass of cutoff_hz, (1,), ms.
 
     By the inertial parameters that were fitted, or by those of the description, whichever explain the contacts better,
     which no fit of them has seen: a log that hardly moves tells little of them.
     """
-    described = [ContactLog(log.arms, (np.zeros(70), np.zeros(70))) for log in logs]
+    described = [ContactLog(log.arms, (np.zeros(70),) * len(log.arms)) for log in logs]
     found, _ = min((_delay(model, each, side, cutoff_hz) for each in (logs, described)), key=lambda each: each[1])
     return found
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-Array = NDArray[np.float64]
+from hal.base.arrays import Array
 
 CONFIDENCE = 0.95
 

@@ -1,10 +1,10 @@
 """From the samples of sweeps to friction: what the feedback had to add, as a function of the joint's velocity.
 
 With friction compensation off, feedback makes up for friction, (30). The paper averages it over runs, (31), as a
-function of time, for one reference (rtstack.identification.along does so on top of this). Here it becomes a function of
-the joint's velocity, which serves every reference: a sigmoid, fitted to all ticks of all runs together. What else
-feedback makes up for is fitted with it, so that it does not pass for friction: the error of the robot's gravity
-compensation, which is kept, and that of the joint's inertia, which is not.
+function of time, for one reference (rtstack.papers.impact_maps.reference does so on top of this). Here it becomes a
+function of the joint's velocity, which serves every reference: a sigmoid, fitted to all ticks of all runs together.
+What else feedback makes up for is fitted with it, so that it does not pass for friction: the error of the robot's
+gravity compensation, which is kept, and that of the joint's inertia, which is not.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.parameters import FrictionParameters
 from rtstack.control.tick import ArmController
 from rtstack.identification.sweep import Sweep
@@ -92,5 +92,5 @@ def fit_joint(runs: Sequence[JointSamples], first_guess: FrictionParameters, joi
 
 
 def sigmoid(dq: Array, p1: float, p2: float, p3: float) -> Array:
-    """Return the friction torque at dq, Nm, as rtstack.control.friction has it."""
+    """Return the friction torque at dq, Nm, as rtstack.control.law has it."""
     return p1 / (1.0 + np.exp(-p2 * (dq + p3))) - p1 / (1.0 + np.exp(-p2 * p3))

@@ -1,11 +1,10 @@
-"""The procedure: every joint of both arms, so many runs each, a log a run; and the file that is made of the logs."""
+"""The procedure: every joint of every arm, so many runs each, a log a run; and the file that is made of the logs."""
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
-from hal.cell import Cell
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification.fit import JointFriction, JointSamples, fit_joint, joint_samples
 from rtstack.identification.sweep import Sweep, sweep
@@ -13,41 +12,32 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
-from rtstack.trials.assembly import Parameters, arm_controllers, default_parameters
+from rtstack.trials.assembly import Parameters, arm_controllers, default_parameters, with_law
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile
-from rtstack.trials.motion import run_motion
+from rtstack.trials.motion import PreparedMotion
 from rtstack.trials.review import log_columns
-from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.specification import SweepSpecification
-from rtstack.trials.start_motion import StartMotion
 
 JOINTS = 7
 
 
-@dataclass(frozen=True, slots=True)
-class SweepRun:
-    """One sweep that has to be made, or was: its log's name follows from it."""
-
-    specification: SweepSpecification
-
-    @property
-    def file(self) -> str:
-        """Name of its log."""
-        return f"joint{self.specification.joint}-run{self.specification.run}.mcap"
+def sweep_log(asked: SweepSpecification) -> str:
+    """Return the name of the log of a sweep."""
+    return f"joint{asked.joint}-run{asked.run}.mcap"
 
 
-def runs_of(object_name: str, runs: int, seed: int, joints: Sequence[int] = range(1, JOINTS + 1)) -> Iterator[SweepRun]:
+def runs_of(object_name: str, runs: int, seed: int) -> Iterator[SweepSpecification]:
     """Yield all runs of an identification, in order: run by run, so that one which is broken off has all joints."""
     for run in range(runs):
-        for joint in joints:
-            yield SweepRun(SweepSpecification(object_name, joint, run, seed))
+        for joint in range(1, JOINTS + 1):
+            yield SweepSpecification(object_name, joint, run, seed)
 
 
-def uncompensated() -> Parameters:
-    """Return a controller's numbers with friction compensation set to zero, as Appendix A asks for."""
-    none = FrictionParameters(scale=0.0)
-    return replace(default_parameters(), friction=(none, none))
+def uncompensated(description: CellDescription) -> Parameters:
+    """Return the published numbers with the cell's law, and with friction compensation zero, as Appendix A asks for."""
+    none = (FrictionParameters(scale=0.0),) * len(description.arms)
+    return with_law(replace(default_parameters(), friction=none), description.gains.law_inertia)
 
 
 class Identification:
@@ -55,10 +45,10 @@ class Identification:
 
     def __init__(self, description: CellDescription) -> None:
         self._description = description
-        self._parameters = uncompensated()
+        self._parameters = uncompensated(description)
         self._arms = arm_controllers(description, self._parameters)
         self._sweeps: dict[int, Sweep] = {}
-        self._samples: tuple[dict[int, list[JointSamples]], ...] = ({}, {})
+        self._samples: tuple[dict[int, list[JointSamples]], ...] = tuple({} for _ in self._arms)
 
     def sweep(self, joint: int) -> Sweep:
         """Return the sweep of joint 1 to 7."""
@@ -66,19 +56,13 @@ class Identification:
             self._sweeps[joint] = sweep(self._description, self._arms, joint - 1)
         return self._sweeps[joint]
 
-    def run(
-        self, run: SweepRun, cell: Cell, context: RunContext = NO_CONTEXT, way: StartMotion | None = None
-    ) -> str | None:
-        """Make a run on an open cell and take it. Returns why it failed, None for a success. Closes the log."""
-        joint = run.specification.joint
-        reason, columns = run_motion(
-            self.sweep(joint).plan, self._description, self._parameters, cell, context, way=way
-        )
-        if reason is None:
-            self._take(joint, columns)
-        return reason
+    def prepared(self, asked: SweepSpecification) -> PreparedMotion:
+        """Return a run that can be carried out: the same robot, seen through other noise in each run. A log that was
+        broken off is overwritten."""
+        noise = 1000 * asked.run + asked.joint
+        return PreparedMotion(asked, self._description, self.sweep(asked.joint).plan, self._parameters, noise, True)
 
-    def take_log(self, run: SweepRun, path: Path) -> bool:
+    def take_log(self, asked: SweepSpecification, path: Path) -> bool:
         """Take a run that was made before from its log. Returns whether there is a complete one.
 
         Raises TrialError where the log is of another identification.
@@ -90,33 +74,35 @@ class Identification:
         except LogError:
             return False
         about = log.metadata.get("trial", {})
-        if about.get("specification") != json.dumps(run.specification.as_dict()):
+        if about.get("specification") != json.dumps(asked.as_dict()):
             raise TrialError(f"{path} is the log of something else: give the friction's file another name")
         if log.metadata.get("result", {}).get("success") != "true":
             return False
-        self._take(run.specification.joint, log_columns(log))
+        self.take(asked.joint, log_columns(log))
         return True
 
-    def _take(self, joint: int, columns: Columns) -> None:
+    def take(self, joint: int, columns: Columns) -> None:
+        """Take the samples of a run of joint 1 to 7 that succeeded."""
         for side, samples in enumerate(self._samples):
             taken = joint_samples(columns, side, self.sweep(joint), self._arms[side])
             samples.setdefault(joint, []).append(taken)
 
-    def friction(self, joint: int) -> tuple[JointFriction, JointFriction]:
-        """Return the friction of joint 1 to 7 of the left and of the right arm. KeyError where there is no run."""
+    def friction(self, joint: int) -> tuple[JointFriction, ...]:
+        """Return the friction of joint 1 to 7 of each arm. KeyError where there is no run."""
         published = FrictionParameters()
-        left, right = (fit_joint(samples[joint], published, joint - 1) for samples in self._samples)
-        return left, right
+        return tuple(fit_joint(samples[joint], published, joint - 1) for samples in self._samples)
 
     def file(self, cell: str, seed: int) -> FrictionFile:
         """Return the file of all joints."""
-        both = [self.friction(joint) for joint in range(1, JOINTS + 1)]
-        left, right = (
-            ArmFriction(**{name: tuple(getattr(arm[side], name) for arm in both) for name in ArmFriction.__slots__})
-            for side in (0, 1)
-        )
+        joints = [self.friction(joint) for joint in range(1, JOINTS + 1)]
+        arms = {
+            side: ArmFriction(
+                **{name: tuple(getattr(one[k], name) for one in joints) for name in ArmFriction.__slots__}
+            )
+            for k, side in enumerate(self._description.sides)
+        }
         runs = min(len(samples) for side in self._samples for samples in side.values())
-        return FrictionFile(cell, seed, runs, left, right)
+        return FrictionFile(cell, seed, runs, **arms)
 
 
 def lowest_object(description: CellDescription) -> str:

@@ -1,25 +1,34 @@
 """The motion of an identification: one joint of each arm to and fro, in free space, at several speeds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
+from hal.cell import Cell
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
 from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.quintic import ViaPoint, quintic_path
-from rtstack.samples import SIDES, Mode
+from rtstack.samples import Mode
+from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
-from rtstack.trials.start_motion import posture
+from rtstack.trials.motion import MotionResult, run_motion
+from rtstack.trials.move import where_arms_stand
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.start_motion import StartMotion, posture
 
 # where the sweeps are: pads apart, over any object, in the middle of what grabs use. m, along the world's y and z
 CENTRE_Y, CENTRE_Z = 0.25, 0.5
 WAY_S = 1.6
 REST_S = 0.2
+BEGIN_S = REST_S + WAY_S + REST_S  # when the arms stand still at the centre
 # rad/s: grabs and pushes stay below 1.3 but for their vibrations; friction changes most where velocity is small
 PEAKS = (0.1, 0.3, 1.0)
 LEG_S = 1.125  # from one end to the other: a quintic from rest to rest, whose peak is 1.875 times its mean
@@ -40,77 +49,102 @@ class Sweep:
     end_s: float
 
 
-def sweep(description: CellDescription, arms: tuple[ArmController, ArmController], joint: int) -> Sweep:
-    """Return the sweep of a joint (0 to 6) of both arms, mirror images. Raises TrialError where there is no room."""
-    control = ControlParameters()
-    begin_s = REST_S + WAY_S + REST_S
-    points, t_s = [ViaPoint(begin_s, 0.0)], begin_s
+def sweep(description: CellDescription, arms: Sequence[ArmController], joint: int) -> Sweep:
+    """Return the sweep of a joint (0 to 6) of each arm, two arms as mirror images. Raises TrialError where there is no
+    room."""
+    points, t_s = [ViaPoint(BEGIN_S, 0.0)], BEGIN_S
     for peak in PEAKS:
         reach = peak * LEG_S / 1.875 / 2.0
         for part, place in ((0.5, reach), (1.0, -reach), (1.0, reach), (0.5, 0.0)):
             t_s += part * LEG_S
             points.append(ViaPoint(t_s, place))
-    end_s = t_s
-    t = np.arange(round((end_s + 2 * REST_S + WAY_S) / control.period_s)) * control.period_s
-    away, _ = quintic_path(points, t)
-    there = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WAY_S, 1.0)]
-    back = [ViaPoint(end_s + REST_S, 1.0), ViaPoint(end_s + REST_S + WAY_S, 0.0)]
-    share, _ = quintic_path(there + back, t)
-    targets = np.zeros((2, len(t)), POINT)
-    for k, (arm, mounting) in enumerate(zip(arms, (description.left, description.right), strict=True)):
-        home = np.array(mounting.home)
-        q = home + share[:, None] * (_centre(arm, home, k) - home)
-        q[:, joint] += (1.0 if k == 0 else MIRROR[joint]) * away
-        _follow(arm, q, control.period_s, targets[k])
-    _check_room(description, targets, f"the sweep of joint {joint + 1}")
-    plan = SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
-    return Sweep(joint, plan, begin_s, end_s)
+    t = _ticks_s(t_s)
+    away = np.zeros((len(t), 7))
+    away[:, joint], _ = quintic_path(points, t)
+    plan = _about_centre(description, arms, away, t_s, f"the sweep of joint {joint + 1}")
+    return Sweep(joint, plan, BEGIN_S, t_s)
 
 
-def all_joints(description: CellDescription, arms: tuple[ArmController, ArmController], run: int) -> SessionPlan:
-    """Return a motion of all joints of both arms at once, mirror images: two tones a joint, other phases each run.
+def all_joints(description: CellDescription, arms: Sequence[ArmController], run: int) -> SessionPlan:
+    """Return a motion of all joints of all arms at once, two arms as mirror images: two tones a joint, other phases
+    each run.
 
     All frequencies differ, so that no joint's friction or inertia can pass for another one's. Raises TrialError where
     there is no room.
     """
-    control = ControlParameters()
-    begin_s = REST_S + WAY_S + REST_S
-    t = np.arange(round((begin_s + TONES_S + 2 * REST_S + WAY_S) / control.period_s)) * control.period_s
-    there = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WAY_S, 1.0)]
-    back = [ViaPoint(begin_s + TONES_S + REST_S, 1.0), ViaPoint(begin_s + TONES_S + REST_S + WAY_S, 0.0)]
-    share, _ = quintic_path(there + back, t)
+    end_s = BEGIN_S + TONES_S
+    t = _ticks_s(end_s)
     fade, _ = quintic_path(
-        [ViaPoint(begin_s, 0.0), ViaPoint(begin_s + 1.0, 1.0), ViaPoint(begin_s + TONES_S - 1.0, 1.0),
-         ViaPoint(begin_s + TONES_S, 0.0)], t,
-    )  # fmt: skip
+        [ViaPoint(BEGIN_S, 0.0), ViaPoint(BEGIN_S + 1.0, 1.0), ViaPoint(end_s - 1.0, 1.0), ViaPoint(end_s, 0.0)], t
+    )
     phases = np.random.default_rng(run).uniform(0.0, 2.0 * np.pi, (2, 7))
     joints = np.arange(7)
     away = fade[:, None] * sum(
         reach * np.sin(2.0 * np.pi * t[:, None] * (hz + step_hz * joints) + phase)
         for (reach, hz, step_hz), phase in zip(TONES, phases, strict=True)
     )
-    targets = np.zeros((2, len(t)), POINT)
-    for k, (arm, mounting) in enumerate(zip(arms, (description.left, description.right), strict=True)):
+    return _about_centre(description, arms, away, end_s, "the motion of all joints")
+
+
+def _ticks_s(end_s: float) -> Array:
+    """Return the times of the ticks of a motion that goes on at the centre until end_s, and home again."""
+    period_s = ControlParameters().period_s
+    return np.arange(round((end_s + 2 * REST_S + WAY_S) / period_s)) * period_s
+
+
+def _about_centre(
+    description: CellDescription, arms: Sequence[ArmController], away: Array, end_s: float, what: str
+) -> SessionPlan:
+    """Return the motion of `away` (n, 7), rad, from the centre, which ends at end_s; from home and back."""
+    control, t = ControlParameters(), _ticks_s(end_s)
+    there = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WAY_S, 1.0)]
+    back = [ViaPoint(end_s + REST_S, 1.0), ViaPoint(end_s + REST_S + WAY_S, 0.0)]
+    share, _ = quintic_path(there + back, t)
+    targets = np.zeros((len(arms), len(t)), POINT)
+    for points, arm, (side, mounting) in zip(targets, arms, description.mountings.items(), strict=True):
         home = np.array(mounting.home)
-        q = home + share[:, None] * (_centre(arm, home, k) - home) + (away if k == 0 else MIRROR * away)
-        _follow(arm, q, control.period_s, targets[k])
-    _check_room(description, targets, "the motion of all joints")
+        q = home + share[:, None] * (_centre(arm, home, side) - home) + (away if side == "left" else MIRROR * away)
+        _follow(arm, q, control.period_s, points)
+    _check_room(description, targets, what)
     return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
 
 
-def wiggle(arms: tuple[ArmController, ArmController], q: Array, side: int, joint: int) -> SessionPlan:
-    """Return a turn of one joint (0 to 6) of one arm by WIGGLE_RAD and back, both arms beginning at q (2, 7), rad."""
+def wiggle(arms: Sequence[ArmController], q: Array, side: int, joint: int) -> SessionPlan:
+    """Return a turn of one joint (0 to 6) of one arm, by its place among them, by WIGGLE_RAD and back; all arms begin
+    at q (arms, 7), rad."""
     control = ControlParameters()
     t = np.arange(round((2 * REST_S + 2 * WIGGLE_S) / control.period_s)) * control.period_s
     way = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WIGGLE_S, 1.0), ViaPoint(REST_S + 2 * WIGGLE_S, 0.0)]
     away, _ = quintic_path(way, t)
-    targets = np.zeros((2, len(t)), POINT)
+    targets = np.zeros((len(arms), len(t)), POINT)
     for k, arm in enumerate(arms):
         moved = np.tile(q[k], (len(t), 1))
         if k == side:
             moved[:, joint] += WIGGLE_RAD * away * (-1.0 if q[k, joint] > 0.0 else 1.0)  # to the middle of its range
         _follow(arm, moved, control.period_s, targets[k])
     return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedWiggle(PreparedRun[MotionResult]):
+    """One joint (1 to 7) of an arm turns by a degree and back, where the arms stand; nothing is written. side: 0 left,
+    1 right."""
+
+    led: ClassVar[bool] = True
+    logged: ClassVar[bool] = False
+    side: int
+
+    def start_motion(self, cell: Cell) -> None:
+        """See PreparedRun: it begins where the arms are."""
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> MotionResult:
+        """See PreparedRun."""
+        parameters = cell_parameters(self.description)
+        q = where_arms_stand(self.description, cell).q
+        joint = self.specification.joint - 1
+        plan = wiggle(arm_controllers(self.description, parameters), q, self.side, joint)
+        reason, columns = run_motion(plan, self.description, parameters, cell, context)
+        return MotionResult(reason is None, reason, columns)
 
 
 def _check_room(description: CellDescription, targets: NDArray, what: str) -> None:
@@ -125,7 +159,7 @@ def _check_room(description: CellDescription, targets: NDArray, what: str) -> No
         )
 
 
-def _centre(arm: ArmController, home: Array, side: int) -> Array:
+def _centre(arm: ArmController, home: Array, side: str) -> Array:
     arm.sample["q"][0] = home
     arm.observe()
     point = np.zeros(1, POINT)
@@ -133,7 +167,7 @@ def _centre(arm: ArmController, home: Array, side: int) -> Array:
     x, y, _ = arm.workspace["position"][0]
     point["position"][0] = x, np.copysign(CENTRE_Y, y), CENTRE_Z
     point["xi"] = home[arm.parameters.posture_joint]
-    return posture(arm, home, point[0], SIDES[side])
+    return posture(arm, home, point[0], side)
 
 
 def _follow(arm: ArmController, q: Array, period_s: float, points: NDArray) -> None:

@@ -8,23 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.configuration import toml_text
+from hal.base.arrays import Array
+from hal.base.configuration import toml_text
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification import arm as identification
 from rtstack.identification.arm import ArmSamples, Joint, Links, arm_samples
 from rtstack.identification.contact import ContactLog, contact_stiffness, estimate_delay
 from rtstack.identification.estimate import CONFIDENCE, Estimate
+from rtstack.log.analysis.lateness import state_delays_us
 from rtstack.log.errors import LogError
-from rtstack.log.lateness import state_delays_us
 from rtstack.log.reader import Log, read_log
 from rtstack.model.arm_model import ArmModel, face_placement
 from rtstack.model.cell_description import CellDescription
-from rtstack.samples import SIDES
-from rtstack.topics import CYCLE_TOPICS
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile
-
-Array = NDArray[np.float64]
 
 SHORTEST_S = 5.0  # of all logs together
 # of a value, added to each interval: what sampling at 1 kHz and noise in the regressors shift, 0.1 to 0.2 % on a robot
@@ -79,42 +76,46 @@ class ArmTwin:
 def twin(
     paths: Sequence[Path], description: CellDescription, cutoff_hz: float, unloaded: Sequence[Path] = (),
     held_out: Sequence[Path] = (),
-) -> tuple[ArmTwin, ArmTwin]:  # fmt: skip
-    """Identify both arms of a cell. unloaded: logs of the same arms without the payload: what of the links is not as
-    described cannot pass for a payload then; without them no payload is told. held_out: logs that are judged on and
-    not fitted, instead of the end of each log. cutoff_hz: of the low-pass that the simulated robot's estimate of
-    external torques has; what is identified is the delay beyond it. Raises TrialError with one line.
+) -> dict[str, ArmTwin]:  # fmt: skip
+    """Identify the arms of a cell, by side. Raises TrialError with one line.
+
+    unloaded: logs of the same arms without the payload: what of the links is not as described cannot pass for a payload
+    then; without them no payload is told. held_out: logs that are judged on and not fitted, instead of the end of each
+    log. cutoff_hz: of the low-pass that the simulated robot's estimate of external torques has; what is identified is
+    the delay beyond it.
     """
-    mountings = (description.left, description.right)
+    mountings = description.arms
     models = [ArmModel(mounting, description.pad).pin_model for mounting in mountings]
     try:
         logs = {each: read_log(each) for each in (*paths, *unloaded, *held_out)}
-        loaded, bare, judged = (_records([logs[each] for each in some]) for some in (paths, unloaded, held_out))
-        cycles = [[logs[each].topic(topic) for each in (*paths, *unloaded)] for topic in CYCLE_TOPICS]
+        sides = description.sides
+        loaded, bare, judged = (_records([logs[each] for each in some], sides) for some in (paths, unloaded, held_out))
+        cycles = [[logs[each].topic(f"/{side}/cycle") for each in (*paths, *unloaded)] for side in sides]
     except LogError as error:
         raise TrialError(str(error)) from None
     samples = [_samples(model, loaded, side, judged) for side, model in enumerate(models)]
     empty = [_samples(model, bare, side) if bare else None for side, model in enumerate(models)]
     links = [identification.links(one, other) for one, other in zip(samples, empty, strict=True)]
-    touched = [ContactLog(log, (links[0].inertial[k], links[1].inertial[k]))
+    touched = [ContactLog(log, tuple(link.inertial[k] for link in links))
                for k, logs in enumerate((loaded, bare)) for log in logs]  # fmt: skip
     delays = [estimate_delay(model, touched, side, cutoff_hz) for side, model in enumerate(models)]
-    late_ms = (float(delays[0].value[0]), float(delays[1].value[0]))
+    late_ms = [float(delay.value[0]) for delay in delays]
     faces = [
         face_placement(mounting, description.pad, model) for mounting, model in zip(mountings, models, strict=True)
     ]
     offsets = [identification.bias(each).value for each in samples]
-    stiffness = contact_stiffness(models, faces, touched, offsets, late_ms, cutoff_hz)
+    pair = len(models) == 2  # a squeeze needs two pads
+    stiffness = contact_stiffness(models, faces, touched, offsets, late_ms, cutoff_hz) if pair else None
+    squeezed = () if stiffness is None else tuple(_named(TOUCHING[1], 0, stiffness, 0))
     late = [link_lateness(each) for each in cycles]
     inertias = [mounting.robot.B_theta for mounting in mountings]
     found = [_arm(*each) for each in zip(links, samples, inertias, strict=True)]
-    left, right = (
-        replace(arm, parameters=(
-            *arm.parameters, *_named(TOUCHING[0], 0, delay, 0), *_named(TOUCHING[1], 0, stiffness, 0),
+    return {
+        side: replace(arm, parameters=(
+            *arm.parameters, *_named(TOUCHING[0], 0, delay, 0), *squeezed,
             *(each for k, name in enumerate(LINK) for each in _named(name, 0, network, k)),
-        )) for arm, delay, network in zip(found, delays, late, strict=True)
-    )  # fmt: skip
-    return left, right
+        )) for side, arm, delay, network in zip(sides, found, delays, late, strict=True)
+    }  # fmt: skip
 
 
 def link_lateness(logs: Sequence[NDArray]) -> Estimate:
@@ -133,12 +134,12 @@ def link_lateness(logs: Sequence[NDArray]) -> Estimate:
     return Estimate(value, np.maximum(high - value, value - low))
 
 
-def _records(logs: Sequence[Log]) -> list[tuple[NDArray, NDArray]]:
-    return [(_whole_ticks(log, SIDES[0]), _whole_ticks(log, SIDES[1])) for log in logs]
+def _records(logs: Sequence[Log], sides: Sequence[str]) -> list[tuple[NDArray, ...]]:
+    return [tuple(_whole_ticks(log, side) for side in sides) for log in logs]
 
 
 def _samples(
-    model: Any, logs: Sequence[tuple[NDArray, NDArray]], side: int, held_out: Sequence[tuple[NDArray, NDArray]] = ()
+    model: Any, logs: Sequence[tuple[NDArray, ...]], side: int, held_out: Sequence[tuple[NDArray, ...]] = ()
 ) -> ArmSamples:  # fmt: skip
     seconds = sum(len(log[side]) for log in logs) * identification.PERIOD_S
     if seconds < SHORTEST_S:
@@ -197,19 +198,19 @@ def _rms(link: Links, j: int, x: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def profile_toml(arms: tuple[ArmTwin, ArmTwin], base: Mapping[str, Any]) -> str:
+def profile_toml(arms: Mapping[str, ArmTwin], base: Mapping[str, Any]) -> str:
     """Return the text of a profile of the simulated robot: `base`, a profile, with what was identified of each arm."""
     document = dict(base)
-    for side, found in zip(SIDES, arms, strict=True):
+    for side, found in arms.items():
         table: dict[str, Any] = {}
         for name in (*Joint.MOTOR, *Joint.SPRING, "torque_offset"):
             its = found.values(name)
             if all(each.identified for each in its):
                 table[name] = [each.value for each in its]
         for name in TOUCHING:
-            its = found.values(name)[0]
-            if its.identified:
-                table[name] = max(0, round(its.value)) if name in WHOLE else its.value
+            for its in found.values(name):
+                if its.identified:
+                    table[name] = max(0, round(its.value)) if name in WHOLE else its.value
         late = [found.values(name)[0] for name in LINK]
         if all(each.identified for each in late):
             table["link_late_us"] = [each.value for each in late]
@@ -221,7 +222,7 @@ def profile_toml(arms: tuple[ArmTwin, ArmTwin], base: Mapping[str, Any]) -> str:
     return toml_text(document, "Identified by `rtstack twin`; what it could not identify is left as it was.")
 
 
-def friction_file(arms: tuple[ArmTwin, ArmTwin], cell: str, runs: int) -> FrictionFile:
+def friction_file(arms: Mapping[str, ArmTwin], cell: str, runs: int) -> FrictionFile:
     """Return the friction that a controller compensates; the published one of joints whose own is not identified."""
     published = FrictionParameters()
 
@@ -234,4 +235,4 @@ def friction_file(arms: tuple[ArmTwin, ArmTwin], cell: str, runs: int) -> Fricti
         share = tuple(1.0 - each.value if each.identified else 0.0 for each in found.values("gravity_factor"))
         return ArmFriction(p1, p2, p3, share, tuple(found.rms_nm["motor, twin"]))  # pyright: ignore[reportArgumentType]
 
-    return FrictionFile(cell, 0, runs, own(arms[0]), own(arms[1]))
+    return FrictionFile(cell, 0, runs, **{side: own(found) for side, found in arms.items()})

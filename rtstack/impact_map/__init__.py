@@ -9,9 +9,8 @@ result.single_step.impulses     # what one step says
 from rtstack.impact_map.coulomb import ContactState, LawResiduals
 from rtstack.impact_map.map import converged, impact_map, pressed, single_step
 from rtstack.impact_map.problem import Problem, problem_of
-from rtstack.impact_map.reflected import ReflectedInertia
-from rtstack.impact_map.result import Impact, ImpactMap, Status
-from rtstack.impact_map.scene import Arm, Box, Contact, Plane, Scene, SceneError, load_scene
+from rtstack.impact_map.result import Impact, ImpactMap, MapKind, Status
+from rtstack.impact_map.scene import Arm, Box, Contact, Plane, ReflectedInertia, Scene, SceneError, load_scene
 
 __all__ = [
     "Arm",
@@ -21,6 +20,7 @@ __all__ = [
     "Impact",
     "ImpactMap",
     "LawResiduals",
+    "MapKind",
     "Plane",
     "Problem",
     "ReflectedInertia",

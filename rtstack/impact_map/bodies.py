@@ -10,12 +10,11 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.pad import Pad
 from hal.robots import RobotModel, robot
 from rtstack.impact_map.patch import Face, box_face
-from rtstack.impact_map.reflected import ReflectedInertia, joint_inertia
-from rtstack.impact_map.scene import Arm, Box
+from rtstack.impact_map.scene import Arm, Box, ReflectedInertia, joint_inertia
 from rtstack.model.arm_model import build_model, face_placement
 from rtstack.model.cell_description import ArmMounting
 from rtstack.model.rotation import rotation_from_quaternion

@@ -15,7 +15,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 
 class ContactState(StrEnum):

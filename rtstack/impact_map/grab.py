@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array, seven
+from hal.base.arrays import Array, seven
 from hal.pad import Pad
 from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.map import impact_map
-from rtstack.impact_map.reflected import ReflectedInertia
-from rtstack.impact_map.result import ImpactMap
-from rtstack.impact_map.scene import Arm, Box, Contact, Plane, Scene, SceneError
+from rtstack.impact_map.result import ImpactMap, MapKind
+from rtstack.impact_map.scene import Arm, Box, Contact, Plane, ReflectedInertia, Scene, SceneError
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, CellDescription
 from rtstack.model.rotation import log_so3
@@ -53,13 +52,15 @@ def grab_impact(
     table_friction: float,
     reflected: ReflectedInertia = ReflectedInertia.B_THETA,
     object_xy: tuple[float, float] = (0.0, 0.0),
+    kind: MapKind = MapKind.CONVERGED,
 ) -> GrabImpact:
     """Return the nominal impact of a grab whose ante-impact reference ends in `ante`, (2,) of POINT (left, right).
 
-    object_xy: where the object stands on the table, m. Velocities are of the converged map. Raises SceneError where an
-    arm cannot be in that pose, or its pad does not touch the object there, KeyError for an object that is not there.
+    object_xy: where the object stands on the table, m; kind: of the map whose velocities are returned. Raises
+    SceneError where an arm cannot be in that pose, or its pad does not touch the object there, KeyError for an object
+    that is not there.
     """
-    mountings = (description.left, description.right)
+    mountings = description.arms
     q, dq = np.empty((2, 7)), np.empty((2, 7))
     for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True)):
         try:
@@ -68,8 +69,8 @@ def grab_impact(
             raise SceneError(f"{side} arm: {error}") from None
     scene = grab_scene(description, object_name, q, dq, pad_friction, table_friction, reflected, object_xy)
     result = impact_map(scene)
-    after = np.array([result.velocity(side) for side in SIDES])
-    twist = np.array([result.twist(side) for side in SIDES])
+    after = np.array([result.velocity(side, result.of(kind)) for side in SIDES])
+    twist = np.array([result.twist(side, result.of(kind)) for side in SIDES])
     return GrabImpact(q, dq, after, twist, after[:, POSTURE_JOINT], result)
 
 
@@ -83,17 +84,18 @@ def grab_scene(
     reflected: ReflectedInertia = ReflectedInertia.B_THETA,
     object_xy: tuple[float, float] = (0.0, 0.0),
 ) -> Scene:
-    """Return the scene of a cell with both arms at q (2, 7) rad, moving with dq (2, 7) rad/s, at a resting object."""
+    """Return the scene of a cell with its first arms at q (arms, 7) rad, moving with dq (arms, 7) rad/s, at a resting
+    object."""
     thing, top = description.objects[object_name], description.table.top_z
-    mountings = (description.left, description.right)
+    sides = description.sides[: len(q)]
     return Scene(
         arms={
-            side: _arm(mounting, q[k], dq[k]) for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True))
+            side: _arm(mounting, *state) for side, mounting, *state in zip(sides, description.arms, q, dq, strict=False)
         },
         objects={"object": Box(thing.mass, thing.size, (*object_xy, top + thing.size[2] / 2))},
         supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
         contacts=(
-            *(Contact((side, "object"), pad_friction) for side in SIDES),
+            *(Contact((side, "object"), pad_friction) for side in sides),
             Contact(("object", "table"), table_friction),
         ),
         pad=description.pad,

@@ -37,7 +37,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map.coulomb import ContactState, contact_states, law_residuals
 from rtstack.impact_map.problem import Problem, problem_of
 from rtstack.impact_map.result import Impact, ImpactMap, Status

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import compiled
 
 STEPS = 30

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 # m: faces further apart than this do not touch, nor corners of a face that is tilted by more
 GAP = 0.01

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map.bodies import Body, BoxBody, arm_body
 from rtstack.impact_map.patch import Face, Patch, face_on_face, face_on_plane, frame_of
 from rtstack.impact_map.scene import Contact, Scene, SceneError, check_scene

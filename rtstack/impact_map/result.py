@@ -6,9 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map.coulomb import ContactState, LawResiduals
 from rtstack.impact_map.problem import JOINTS, Problem
+
+
+class MapKind(StrEnum):
+    """single_step: the velocity jump of one time step, the procedure of the impact-map paper (III); converged: the end
+    of the sequence of impacts while pads and object are pressed together (rtstack.impact_map.map)."""
+
+    SINGLE_STEP = "single_step"
+    CONVERGED = "converged"
 
 
 class Status(StrEnum):
@@ -61,6 +69,10 @@ class ImpactMap:
     problem: Problem
     single_step: Impact
     converged: Impact
+
+    def of(self, kind: MapKind) -> Impact:
+        """Return one of both maps."""
+        return self.single_step if kind is MapKind.SINGLE_STEP else self.converged
 
     def velocity(self, body: str, impact: Impact | None = None) -> Array:
         """Return a body's generalised velocity after `impact` (by default the converged one): an arm's joint velocities

@@ -5,16 +5,36 @@ tables have the names of these classes' fields (deploy/impacts has examples).
 """
 
 from dataclasses import field
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real, load_toml
+from hal.base.arrays import Array
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real, load_toml
+from hal.limits import DOF
 from hal.pad import DEFAULT_PAD, Pad
-from hal.robots import DEFAULT
-from rtstack.impact_map.reflected import ReflectedInertia
+from hal.robots import DEFAULT, FR3, RobotModel
+
+
+class ReflectedInertia(StrEnum):
+    """Which inertia of the motors, as it is felt at the joints, (10) adds to the links' mass matrix.
+
+    B_theta: reduced by the low-level torque loop, the paper's choice; B: of the bare motors; none: links only.
+    """
+
+    B_THETA = "B_theta"
+    B = "B"
+    NONE = "none"
+
+
+def joint_inertia(kind: ReflectedInertia, robot: RobotModel = FR3) -> Array:
+    """Return what is added to the diagonal of an arm's mass matrix, (7,) kg m^2. Do not write to it."""
+    return np.zeros(DOF) if kind is ReflectedInertia.NONE else getattr(robot, kind.value)
+
 
 Vector = tuple[Real, Real, Real]
 Quaternion = tuple[Real, Real, Real, Real]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map.newton import refined
 
 ACCEPTED = 1e-9  # error of the law's equations, SI: what counts as solved

@@ -5,6 +5,7 @@ tokens: each line is appended by one call, so that they do not mix.
 """
 
 import json
+import os
 import sys
 import threading
 from contextlib import suppress
@@ -39,7 +40,8 @@ class AuditTrail:
         self._path = path
         self._lock = threading.Lock()
         self._file = path.open("a+b", buffering=0)
-        if not _ends_with_a_line(path):  # the power went in the middle of one
+        size = self._file.seek(0, os.SEEK_END)
+        if size and os.pread(self._file.fileno(), 1, size - 1) != b"\n":  # the power went in the middle of a line
             self._file.write(b"\n")
 
     def note(self, action: str, operator: str | None, text: str) -> None:
@@ -70,12 +72,3 @@ class AuditTrail:
         """Close the file."""
         with self._lock:
             self._file.close()
-
-
-def _ends_with_a_line(path: Path) -> bool:
-    with path.open("rb") as file:
-        size = file.seek(0, 2)
-        if size == 0:
-            return True
-        file.seek(size - 1)
-        return file.read(1) == b"\n"

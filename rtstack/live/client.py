@@ -10,9 +10,9 @@ from pathlib import Path
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     ControlRequest,
-    JobRequest,
     ProtocolError,
     Request,
+    RunRequest,
     Status,
     StatusRequest,
     TakeRequest,
@@ -68,9 +68,9 @@ class RobotClient:
         """Return how the robot process is. Raises RobotUnreachable."""
         return self.request(StatusRequest())
 
-    def start(self, job: JobRequest) -> Status:
-        """Order a job. Raises RobotRefused with the reason, RobotUnreachable."""
-        return self.request(job)
+    def start(self, run: RunRequest) -> Status:
+        """Ask for a run. Raises RobotRefused with the reason, RobotUnreachable."""
+        return self.request(run)
 
     def take(self, operator: str, over_from: str | None = None) -> Status:
         """Take the lease. Raises RobotRefused, which names who has it, RobotUnreachable."""

@@ -17,7 +17,7 @@ from rtstack.live.audit import AuditTrail
 from rtstack.loop.mailbox import Mailbox
 from rtstack.safety.arming import LEASE_S, ArmingStateMachine, Phase, Refused
 from rtstack.samples import Level
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import RunEvent
 
 # the loop's own watchdog is the first to stop a motion without an operator, so that the log has the true reason
 _LOOP_FIRST_S = 0.3
@@ -111,14 +111,14 @@ class ControlAuthority:
             self._arming.arm(operator, now_s)
             self._mailbox.clear_stop()
             if before is not Phase.ARMED:
-                self._note("arm", operator, f"{operator} armed both arms")
+                self._note("arm", operator, f"{operator} armed the cell")
 
     def disarm(self, operator: str) -> None:
         """Allow no motion any more; a running motion stops. Needs no lease."""
         with self._acting():
             self._arming.disarm()
             self._stop_at_once()
-            self._note("disarm", operator, f"{operator} disarmed both arms")
+            self._note("disarm", operator, f"{operator} disarmed the cell")
 
     def stop(self, operator: str) -> None:
         """Stop all motion, and disarm. Needs no lease."""
@@ -144,7 +144,7 @@ class ControlAuthority:
             self._note("begin", operator, f"{operator} ordered {what}")
 
     def end(self) -> None:
-        """The motion is over, and both arms are at rest."""
+        """The motion is over, and the arms are at rest."""
         with self._acting():
             self._arming.end()
 
@@ -165,10 +165,10 @@ class ControlAuthority:
             self._note("recover", operator, f"{operator} asked for a recovery")
 
     def recovered(self) -> None:
-        """Both arms have recovered; they are disarmed."""
+        """The arms have recovered; they are disarmed."""
         with self._acting():
             self._arming.recovered()
-            self._note("recovered", None, "both arms have recovered: disarmed")
+            self._note("recovered", None, "recovered: disarmed")
 
     def not_recovered(self, reason: str) -> None:
         """The recovery was refused: the fault stays, with what the robot said."""

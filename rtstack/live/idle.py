@@ -1,7 +1,7 @@
-"""Between jobs: both arms are read at the robot's pace and shown, and no torque is ever written."""
+"""Between jobs: the arms are read at the robot's pace and shown, and no torque is ever written."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from rtstack.log.ring import Rings
 from rtstack.loop.publisher import Publisher
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import RunEvent
 
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
@@ -71,12 +71,12 @@ class _ArmView:
 class IdleView:
     """Publishes an idle cell to the live rings, in the same records as a trial does."""
 
-    def __init__(self, rings: Rings) -> None:
+    def __init__(self, rings: Rings, sides: Sequence[str] = SIDES) -> None:
+        """sides: of the cell's arms."""
         self._rings = rings
-        self._left, self._right = self._arms = tuple(
-            _ArmView(rings, topic, side) for topic, side in zip(ARM_TOPICS, SIDES, strict=True)
-        )
-        self._publisher = Publisher([rings], None)
+        self._arms = tuple(_ArmView(rings, ARM_TOPICS[SIDES.index(side)], side) for side in sides)
+        self._samples = tuple(view.samples for view in self._arms)
+        self._publisher = Publisher([rings], None, sides=sides)
 
     def watch(
         self,
@@ -85,23 +85,23 @@ class IdleView:
         refused: Callable[[str], None],
         run_events: Callable[[], Iterable[RunEvent]],
     ) -> None:
-        """Read and show both arms until `interrupted`, and publish run_events.
+        """Read and show the arms until `interrupted`, and publish run_events.
 
         `refused` is told once for each new reason not to move. Raises hal.errors.HardwareError when an arm is lost.
         """
         for view in self._arms:
             view.begin()
-        self._publisher = publisher = Publisher([self._rings], None, cell.sensors)
+        self._publisher = publisher = Publisher([self._rings], None, cell.sensors, sides=cell.sides)
         timing = publisher.timing
         # also an object that was not seen yet: what was shown last may be another cell's
         self._rings.pusher(OBJECT_TOPIC).push(cell.tracker.latest().record)
         last_ns = time.perf_counter_ns()
         last_t_ns = 0
-        told: list[str | None] = [None, None]
-        refusals: list[str | None] = [None, None]
+        told: list[str | None] = [None] * len(self._arms)
+        refusals: list[str | None] = [None] * len(self._arms)
         while not interrupted():
             if not self._show(cell, refusals) & LEFT:
-                continue  # the left arm's states are the beat
+                continue  # the first arm's states are the beat
             if refusals != told:
                 for refusal in refusals:
                     if refusal is not None and refusal not in told:
@@ -113,25 +113,24 @@ class IdleView:
                 time.sleep(CONTROL_PERIOD_S)  # no arm is the clock any more
             now_ns = time.perf_counter_ns()
             # two clocks may count from anywhere
-            t_ns = self._left.t_ns if cell.own_clocks else max(view.t_ns for view in self._arms)
+            t_ns = self._arms[0].t_ns if cell.own_clocks else max(view.t_ns for view in self._arms)
             if last_t_ns and t_ns - last_t_ns > 1.5 * _PERIOD_NS:
                 timing["missed_deadlines"] += round((t_ns - last_t_ns) / _PERIOD_NS) - 1
             timing["t_ns"] = t_ns
             timing["period_us"] = (now_ns - last_ns) * 1e-3
             publisher.look(cell.tracker)
-            publisher.tick(self._left.samples, self._right.samples)
+            publisher.tick(self._samples)
             last_ns, last_t_ns = now_ns, t_ns
 
     def _show(self, cell: Cell, refusals: list[str | None]) -> int:
-        """Show the arms whose states have arrived, both where they share a clock; note why they refuse to move.
+        """Show the arms whose states have arrived, all where they share a clock; note why they refuse to move.
 
         Returns their mask.
         """
         mask = cell.link.wait() if cell.own_clocks and cell.link is not None else LEFT | RIGHT
-        if mask & LEFT:
-            refusals[0] = self._arms[0].show(cell.left)
-        if mask & RIGHT:
-            refusals[1] = self._arms[1].show(cell.right)
+        for k, arm in enumerate(cell.arms):
+            if mask & 1 << k:
+                refusals[k] = self._arms[k].show(arm)
         return mask
 
     def publish(self, run_events: Iterable[RunEvent]) -> None:

@@ -9,33 +9,26 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import replace
-from pathlib import Path
 
-from hal.realtime import scheduling
+from hal.base.realtime import scheduling
 from rtstack.live.audit import AuditTrail
 from rtstack.live.control_authority import ControlAuthority
-from rtstack.live.protocol import (
-    DemonstrationRequest,
-    GuideRequest,
-    Job,
-    JobKind,
-    JobRequest,
-    JobState,
-    MoveRequest,
-    PlaybackRequest,
-    Status,
-    TeleoperationRequest,
-    TrialRequest,
-)
+from rtstack.live.protocol import Job, JobSpecification, JobState, RunRequest, Status
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.safety.arming import Refused
 from rtstack.samples import Level
-from rtstack.trials.specification import HandMotion
-
-MOTION_WORDS = {HandMotion.START: "go to start", HandMotion.PUT_DOWN: "put it down", HandMotion.OPEN: "open"}
+from rtstack.trials.errors import TrialError
+from rtstack.trials.object import check_two_arms
+from rtstack.trials.specification import (
+    DemonstrationSpecification,
+    HandMotion,
+    MoveSpecification,
+    TrialSpecification,
+    like,
+)
 
 
 class JobManager:
@@ -49,7 +42,7 @@ class JobManager:
         self._lock = threading.Lock()
         self._news = threading.Event()
         self._mailbox = mailbox
-        self._order: JobRequest | None = None
+        self._order: RunRequest | None = None
         self._recovery: Future[None] | None = None
         self._job: Job | None = None
         self._description = source.description
@@ -58,28 +51,29 @@ class JobManager:
 
     # -- the socket's side
 
-    def order(self, request: JobRequest) -> None:
+    def order(self, request: RunRequest) -> None:
         """Take an order. Raises Refused while another one holds the robot, unless its operator has armed, or when the
         cell has no such object.
         """
-        names = tuple(self._description.objects)
-        by_hand = isinstance(request, GuideRequest)
-        if not isinstance(request, PlaybackRequest | MoveRequest | GuideRequest) and request.object not in names:
-            raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
-        faults = isinstance(request, DemonstrationRequest) and request.faults
-        if faults and not self._description.simulated:
+        names, asked = tuple(self._description.objects), request.specification
+        if asked.needs_object and asked.object not in names:
+            raise Refused(f"the cell has no object {asked.object!r}; it has {', '.join(names)}")
+        if request.faults and not self._description.simulated:
             raise Refused("only a simulated cell has scripted faults")
+        if what := _of_two_arms(asked):
+            try:
+                check_two_arms(self._description, what)
+            except TrialError as error:
+                raise Refused(str(error)) from None
         with self._lock:
             refusal = self._refusal()
             if refusal is not None:
                 raise Refused(refusal)
             number = 1 if self._job is None else self._job.number + 1
-            self.authority.begin(request.operator, f"{request.verb} {number}: {_title(request)}", by_hand)
+            self.authority.begin(request.operator, f"{request.kind} {number}: {request.title}", asked.by_hand)
             self._order = request
-            recorded = isinstance(request, TeleoperationRequest) and request.recorded
-            self._job = Job(
-                number, JobKind(request.verb), JobState.STARTING, _title(request), 0.0, time.time(), recorded=recorded
-            )
+            recorded = getattr(asked, "recorded", False)
+            self._job = Job(number, request.kind, JobState.STARTING, request.title, 0.0, time.time(), recorded=recorded)
             self._news.set()
 
     def recover(self, operator: str) -> "Future[None]":
@@ -95,25 +89,22 @@ class JobManager:
 
     def status(self) -> Status:
         """Return how things are now."""
-        authority = (
-            self.authority.view()
-        )  # outside of the lock: the authority may wait for the disk, the loop for the lock
+        # outside of the lock: the authority may wait for the disk, the loop for the lock
+        authority = self.authority.view()
         with self._lock:
             stopping = self._mailbox.stop_requested
             job = self._job
             if job is not None and job.state is JobState.RUNNING and stopping:
                 job = replace(job, state=JobState.STOPPING)
-            return Status(
+            return like(
+                Status,
+                authority,
                 cell=self._description.name,
                 simulated=self._description.simulated,
                 objects=tuple(self._description.objects),
                 object=self._object,
                 job=job,
                 refusal=self._refusal() or authority.refusal,
-                phase=authority.phase,
-                reason=authority.reason,
-                holder=authority.holder,
-                since_s=authority.since_s,
                 stop_requested=stopping,
                 scheduler=scheduling(os.getpid())[0],  # the loop's thread is the main one
             )
@@ -129,7 +120,7 @@ class JobManager:
         """Wait for news, at most `timeout_s`. Only without a cell: with one, the robot is the clock."""
         self._news.wait(timeout_s)
 
-    def collect(self) -> tuple[JobRequest | None, "Future[None] | None"]:
+    def collect(self) -> tuple[RunRequest | None, "Future[None] | None"]:
         """Return what is to be done, and forget it."""
         with self._lock:
             order, self._order = self._order, None
@@ -203,16 +194,10 @@ class JobManager:
                 self._job = replace(self._job, **changes)  # type: ignore[arg-type]
 
 
-def _title(request: JobRequest) -> str:
-    if isinstance(request, TrialRequest):
-        place = request.specification().displacement.in_words
-        return f"{request.controller}, {request.object}, {place}, seed {request.seed}"
-    if isinstance(request, MoveRequest):
-        return MOTION_WORDS[request.motion]
-    if isinstance(request, GuideRequest):
-        return "both arms by hand"
-    if isinstance(request, PlaybackRequest):
-        return f"{Path(request.source).name} at {request.speed:g}x"
-    if isinstance(request, TeleoperationRequest):
-        return f"{request.object}, {'recorded' if request.recorded else 'not recorded'}"
-    return f"{request.object}, variation {request.variation}, seed {request.seed}" + ", training" * bool(request.faults)
+def _of_two_arms(asked: JobSpecification) -> str:
+    """Return in words what takes two arms, "" for what one can do."""
+    if isinstance(asked, DemonstrationSpecification | TrialSpecification):
+        return f"a {asked.verb} of a grab"
+    if isinstance(asked, MoveSpecification) and asked.motion is not HandMotion.START:
+        return f"the motion {asked.title!r}"
+    return ""

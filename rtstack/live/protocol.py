@@ -1,25 +1,23 @@
-"""What is said over the robot process's socket: one JSON object a line, one answer a request, in order.
+"""Messages on the robot process's socket: one JSON object a line, one answer to each request, in order.
 
-Requests and answers are frozen dataclasses, checked on arrival; what does not fit is refused with one line that
-names the key. The socket carries intentions and status, never samples (rings) and never the stop's fast path (mailbox).
+Requests and answers are frozen dataclasses, checked on arrival; an invalid one is refused with one line that names the
+key. The socket carries orders and status, never samples (rings) or the fast path of a stop (mailbox).
 """
 
 import json
 from dataclasses import asdict, field
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, PlainValidator, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
+from pydantic_core import PydanticCustomError
 
-from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat
-from rtstack.playback.pace import FASTEST, SLOWEST
+from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat, problem
 from rtstack.safety.arming import Phase
-from rtstack.samples import Reaction
-from rtstack.trials.controllers import DEFAULT, ControllerName
 from rtstack.trials.specification import (
     DemonstrationSpecification,
-    HandMotion,
+    GuideSpecification,
     MoveSpecification,
     PlaybackSpecification,
     TeleoperationSpecification,
@@ -28,11 +26,6 @@ from rtstack.trials.specification import (
 
 MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longer is not ours
 
-
-ObjectName = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
-Seed = Annotated[int, Field(ge=0, le=2**31 - 1), NUMBER]
-DisplacementMm = Annotated[StrictFloat, Field(ge=-1000.0, le=1000.0)]
-YawDeg = Annotated[StrictFloat, Field(ge=-180.0, le=180.0)]
 # a person's or a program's name: one line without control characters, and no space around it
 Operator = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\p{C}\s]([^\p{C}]*[^\p{C}\s])?$")]
 
@@ -70,124 +63,54 @@ class StatusRequest:
     verb: Literal["status"] = "status"
 
 
+JobSpecification = (
+    TrialSpecification
+    | DemonstrationSpecification
+    | TeleoperationSpecification
+    | PlaybackSpecification
+    | MoveSpecification
+    | GuideSpecification
+)
+_SPECIFICATIONS: dict[str, TypeAdapter[Any]] = {kind.verb: TypeAdapter(kind) for kind in get_args(JobSpecification)}
+
+
+def _specification(value: Any) -> Any:
+    """Return the specification of the kind that a message names."""
+    if isinstance(value, JobSpecification):
+        return value
+    values = dict(value) if isinstance(value, dict) else {}
+    adapter = _SPECIFICATIONS.get(str(values.pop("kind", "")))
+    if adapter is None:
+        raise PydanticCustomError("kind", "kind: expected one of {known}", {"known": ", ".join(_SPECIFICATIONS)})
+    if values.get("safety"):
+        raise PydanticCustomError("safety", "safety: limits are tightened by a file, not by a request")
+    try:
+        return adapter.validate_python(values)
+    except ValidationError as error:
+        raise PydanticCustomError("specification", "{line}", {"line": problem(error)}) from None
+
+
 @checked(frozen=True, slots=True, config=MESSAGE)
-class DemonstrationRequest:
-    """Ask for a scripted demonstration, by the operator who has armed.
+class RunRequest:
+    """Ask for a run, by the operator who has armed. On the line the specification has one more key, its `kind`.
 
     faults: the text of a faults file for the simulated robot, as for `rtstack sim --faults`; empty for none.
     """
 
-    object: ObjectName = "rice_box"
-    variation: Annotated[int, Field(ge=0, le=10_000), NUMBER] = 0
-    seed: Seed = 0
+    specification: Annotated[JobSpecification, PlainValidator(_specification)]
+    operator: Operator
     faults: Annotated[str, Field(max_length=4096)] = ""
-    operator: Operator = field(kw_only=True)
-    verb: Literal["demonstration"] = "demonstration"
+    verb: Literal["run"] = "run"
 
-    def specification(self) -> DemonstrationSpecification:
-        """Return what the trial module is asked for."""
-        return DemonstrationSpecification(object=self.object, variation=self.variation, seed=self.seed)
+    @property
+    def kind(self) -> JobKind:
+        """The kind of job."""
+        return JobKind(self.specification.verb)
 
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class TrialRequest:
-    """Ask for a trial, by the operator who has armed.
-
-    `reference` is the path of a recording or a plan; the displacement is along the world's y and x, mm, and about z;
-    `reaction`: to an impact that was not meant.
-    """
-
-    reference: Annotated[str, Field(min_length=1, max_length=4096)]
-    controller: ControllerName = DEFAULT
-    object: ObjectName = "rice_box"
-    displacement_mm: DisplacementMm = 0.0
-    displacement_x_mm: DisplacementMm = 0.0
-    yaw_deg: YawDeg = 0.0
-    seed: Seed = 0
-    reaction: Reaction = Reaction.CONTINUE
-    operator: Operator = field(kw_only=True)
-    verb: Literal["trial"] = "trial"
-
-    def specification(self) -> TrialSpecification:
-        """Return what the trial module is asked for."""
-        return TrialSpecification(
-            reference=self.reference,
-            controller=self.controller,
-            object=self.object,
-            displacement_mm=self.displacement_mm,
-            displacement_x_mm=self.displacement_x_mm,
-            yaw_deg=self.yaw_deg,
-            seed=self.seed,
-            reaction=self.reaction,
-        )
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class TeleoperationRequest:
-    """Ask to move the arms by hand, by the operator who has armed. The targets go through the mailbox.
-
-    recorded: as a recording, from home; stop_on_release: the session ends with a clutch that is let go.
-    """
-
-    object: ObjectName = "rice_box"
-    seed: Seed = 0
-    recorded: StrictBool = False
-    stop_on_release: StrictBool = True
-    operator: Operator = field(kw_only=True)
-    verb: Literal["teleoperation"] = "teleoperation"
-
-    def specification(self, job: int) -> TeleoperationSpecification:
-        """Return what the trial module is asked for, as this job."""
-        return TeleoperationSpecification(
-            operator=self.operator,
-            object=self.object,
-            seed=self.seed,
-            recorded=self.recorded,
-            stop_on_release=self.stop_on_release,
-            job=job,
-        )
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class PlaybackRequest:
-    """Ask to play a log on the arms, by the operator who has armed. source: its path, speed: times its own.
-
-    A `finish` in the mailbox's target, for this job, is a soft stop.
-    """
-
-    source: Annotated[str, Field(min_length=1, max_length=4096)]
-    speed: Annotated[StrictFloat, Field(ge=SLOWEST, le=FASTEST)] = 1.0
-    seed: Seed = 0
-    operator: Operator = field(kw_only=True)
-    verb: Literal["playback"] = "playback"
-
-    def specification(self) -> PlaybackSpecification:
-        """Return what the playback module is asked for."""
-        return PlaybackSpecification(source=self.source, speed=self.speed, seed=self.seed)
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class MoveRequest:
-    """Ask for a motion from where the arms are, on the cell as it is, by the operator who has armed."""
-
-    motion: HandMotion
-    operator: Operator = field(kw_only=True)
-    verb: Literal["move"] = "move"
-
-    def specification(self, object_name: str) -> MoveSpecification:
-        """Return what the trial module is asked for; object_name: what the cell holds."""
-        return MoveSpecification(self.motion, object_name)
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class GuideRequest:
-    """Ask that a person may push both arms, while this operator holds the clutch; in a fault too, which stays.
-
-    The clutch goes through the mailbox.
-    """
-
-    operator: Operator = field(kw_only=True)
-    verb: Literal["guide"] = "guide"
+    @property
+    def title(self) -> str:
+        """The run in one line, for people."""
+        return self.specification.title + ", training" * bool(self.faults)
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -213,8 +136,7 @@ class ControlRequest:
     verb: Literal["release", "beat", "arm", "disarm", "stop", "recover"]
 
 
-JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest | MoveRequest | GuideRequest
-Request = StatusRequest | JobRequest | TakeRequest | ControlRequest
+Request = StatusRequest | RunRequest | TakeRequest | ControlRequest
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -280,7 +202,10 @@ _ANSWERS: TypeAdapter[Answer] = TypeAdapter(Answer)
 
 def encode(message: Request | Answer) -> bytes:
     """Return the line of a message, with its end."""
-    return json.dumps(asdict(message), separators=(",", ":")).encode() + b"\n"
+    values = asdict(message)
+    if isinstance(message, RunRequest):
+        values["specification"]["kind"] = message.kind
+    return json.dumps(values, separators=(",", ":")).encode() + b"\n"
 
 
 def decode_request(line: bytes) -> Request:
@@ -297,6 +222,4 @@ def _checked(adapter: TypeAdapter[Any], line: bytes, kind: str) -> Any:
     try:
         return adapter.validate_json(line)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the line"
-        raise ProtocolError(f"{kind}: {key}: {first['msg']}") from None
+        raise ProtocolError(f"{kind}: {problem(error, 'the line')}") from None

@@ -6,7 +6,6 @@ It names no robot: the cell comes from a factory of a composition root (rtstack.
 when its standard input closes, so that it never outlives its supervisor.
 """
 
-import argparse
 import contextlib
 import signal
 import sys
@@ -19,34 +18,34 @@ from queue import SimpleQueue
 
 import numpy as np
 
+from hal.base.configuration import ConfigurationError
+from hal.base.realtime import beside_realtime
 from hal.cell import Cell
-from hal.configuration import ConfigurationError
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
-from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
 from rtstack.control.parameters import DetectorParameters
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
-from rtstack.live.jobs import Jobs, free_name, is_practice
+from rtstack.live.jobs import Jobs, free_name
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
-from rtstack.live.protocol import JobRequest, JobState
+from rtstack.live.protocol import JobState, RunRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, live_source
-from rtstack.live.standalone import claim, publish_rings, withdraw_rings
+from rtstack.live.standalone import claim, process_arguments, publish_rings, withdraw_rings
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, MailboxError
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
 from rtstack.safety.judge import Cause
-from rtstack.samples import ARM_SAMPLE, SIDES, Level
+from rtstack.samples import ARM_SAMPLE, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import RunEvent
 
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with
@@ -73,7 +72,7 @@ class Robot:
         self._job_manager = job_manager
         self._mailbox = mailbox
         self._logs = logs
-        self._idle = IdleView(rings)
+        self._idle = IdleView(rings, source.description.sides)
         self._end: End | None = None  # of the last session
         self._armed = False  # when the arms were looked at last
         self._pulse = pulse or Pulse(Notifier())
@@ -86,7 +85,7 @@ class Robot:
         self._jobs = Jobs(source, job_manager, rings, mailbox, self._idle, watchdogs, run_observer=self)
 
     def run(self) -> None:
-        """Work until the job_manager says that it ends; leave both arms stopped."""
+        """Work until the job_manager says that it ends; leave the arms stopped."""
         self._jobs.try_to_open()
         try:
             while not self._job_manager.ending:
@@ -111,7 +110,7 @@ class Robot:
             self._job_manager.authority.fault(f"{end}: {detail}" if detail else str(end))
 
     def _watch(self) -> None:
-        if self._jobs.cell is None:
+        if self._jobs.open_cell is None:
             self._job_manager.wait(_RETRY_S)
             self._idle.publish(self.run_events())
             if not self._job_manager.has_news:
@@ -121,9 +120,9 @@ class Robot:
         armed = self._armed = manager.authority.armed
         try:
             if armed and not was_armed:
-                self._look_at_estimate(self._jobs.cell)
+                self._look_at_estimate(self._jobs.open_cell)
             self._idle.watch(
-                self._jobs.cell, lambda: manager.has_news or manager.authority.armed != armed, manager.refused,
+                self._jobs.open_cell, lambda: manager.has_news or manager.authority.armed != armed, manager.refused,
                 self.run_events,
             )  # fmt: skip
         except HardwareError as error:
@@ -148,13 +147,13 @@ class Robot:
     def _recover(self, recovery: "Future[None]") -> None:
         authority = self._job_manager.authority
         try:
-            cell = self._jobs.cell or self._jobs.open_first()
+            cell = self._jobs.open_cell or self._jobs.open_first()
             cell.recover()
             self._look_for_causes(cell)
         except HardwareError as error:
             reason = str(error)
             # the arms of a plant in this process cannot be moved by hand
-            if self._source.kind.partition(":")[0] == "direct" and self._jobs.cell is not None:
+            if self._source.kind.partition(":")[0] == "direct" and self._jobs.open_cell is not None:
                 self._jobs.close()
                 self._jobs.try_to_open()
                 reason += "; the simulated cell was set up anew: recover once more"
@@ -167,7 +166,7 @@ class Robot:
     def _look_for_causes(self, cell: Cell) -> None:
         """Ask the judges whether they would let the arms be where they are. Raises HardwareError."""
         judges = safety_judges(self._source.description)
-        for side, arm, judge in zip(SIDES, (cell.left, cell.right), judges, strict=True):
+        for side, arm, judge in zip(cell.sides, cell.arms, judges, strict=True):
             sample = np.zeros(1, ARM_SAMPLE)
             state = arm.read().record
             for name in ARM_STATE.names or ():
@@ -179,7 +178,7 @@ class Robot:
                     "hand* on the page Operate, or end the stack and use `rtstack guide`"
                 )
 
-    def _carry_out(self, order: JobRequest) -> None:
+    def _carry_out(self, order: RunRequest) -> None:
         log = free_name(self._logs, order)
         self._end = None
         try:
@@ -189,25 +188,25 @@ class Robot:
         except HardwareError as error:
             self._job_manager.authority.fault(str(error))
             self._failed(order, str(error), log)
-        except Exception as error:  # a defect of ours ends the job, not the stack: both arms are stopped by then
+        except Exception as error:  # a defect of ours ends the job, not the stack: the arms are stopped by then
             traceback.print_exc()
             self._job_manager.authority.fault(f"internal error: {error}")
             self._failed(order, f"internal error, see the terminal: {error}", log)
         else:
             reason = result.failure_reason
             state = JobState.STOPPED if self._end is End.STOP_REQUESTED else JobState.DONE
-            if is_practice(order) and self._end is not None and not self._end.is_fault:
+            if order.specification.practice and self._end is not None and not self._end.is_fault:
                 log.unlink(missing_ok=True)  # what was not meant to be recorded; a fault's evidence stays
             self._job_manager.finished(state, reason, result.success, _name_if_there(log))
             level = Level.INFO if result.success else Level.WARNING
-            self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
-        if self._jobs.cell is None and not self._job_manager.ending:
+            self._idle.tell(level, f"{order.kind} {state}: {reason or 'success'}")
+        if self._jobs.open_cell is None and not self._job_manager.ending:
             self._jobs.try_to_open()
 
-    def _failed(self, order: JobRequest, reason: str, log: Path) -> None:
+    def _failed(self, order: RunRequest, reason: str, log: Path) -> None:
         stopped = self._mailbox.stop_requested
         self._job_manager.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
-        self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
+        self._idle.tell(Level.ERROR, f"{order.kind} failed: {reason}")
 
 
 def _end_by_signal(job_manager: JobManager) -> None:
@@ -231,14 +230,7 @@ def _name_if_there(log: Path) -> str | None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the robot process. Returns its exit status: 0 after a normal end, 2 for what cannot work."""
-    parser = argparse.ArgumentParser(prog="rtstack.live.robot")
-    parser.add_argument("--run", type=Path, required=True, help="folder of the socket")
-    parser.add_argument("--name", required=True, help="name of the shared memory")
-    parser.add_argument("--logs", type=Path, required=True)
-    parser.add_argument("--cell", type=Path, required=True, help="cell description")
-    parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
-    parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
-    asked = parser.parse_args(arguments)
+    asked = process_arguments("rtstack.live.robot").parse_args(arguments)
     try:
         if asked.alone:
             claim(asked.run, asked.name)

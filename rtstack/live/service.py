@@ -11,8 +11,8 @@ import threading
 from concurrent.futures import TimeoutError as RecoveryTimeout
 from pathlib import Path
 
+from hal.base.realtime import beside_realtime
 from hal.errors import HardwareError
-from hal.realtime import beside_realtime
 from rtstack.live.job_manager import JobManager
 from rtstack.live.notify import Pulse
 from rtstack.live.protocol import (

@@ -1,39 +1,29 @@
 """Where the robot process gets its cell from: a kind of cell, with the description that a person is shown."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from rtstack.cells import kind_of, open_cell
-from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.cells import kind_of, load_description, open_cell
+from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
-
-
-class OpenCell(Protocol):
-    """Open a cell with an object in it, displaced from its place; without a name: with none.
-
-    faults: a script for a simulated robot, which others refuse. Each call gives a fresh cell; the caller closes it.
-    Raises hal.errors.HardwareError with one clear line.
-    """
-
-    def __call__(
-        self, object_name: str, displacement: Displacement, seed: int, faults: Path | None = None
-    ) -> Cell: ...  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class CellSource:
     """A kind of cell (as the command line spells it), its description and that file, and how to open one.
 
+    open_cell: with an object in it ("": none), displaced from its place, a seed, and a script of faults for a simulated
+    robot, which others refuse. Each call gives a fresh cell; the caller closes it. Raises HardwareError with one line.
     content: what the file said when it was read.
     """
 
     kind: str
     description: CellDescription
     file: Path
-    open_cell: OpenCell
+    open_cell: Callable[[str, Displacement, int, Path | None], Cell]
     content: bytes
 
     def check(self) -> None:
@@ -47,7 +37,7 @@ def described_as(file: Path, kind: str) -> CellDescription:
 
     Raises ConfigurationError, and TrialError for what the kind refuses.
     """
-    description = load_cell_description(file)
+    description, _ = load_description(file, kind)
     found, argument = kind_of(kind)
     found.check(argument, description, file)
     found.measured(argument, description, file)
@@ -61,7 +51,7 @@ def live_source(file: Path, kind: str = "direct") -> CellSource:
     """
     description, content = described_as(file, kind), file.read_bytes()
 
-    def open_live(object_name: str, displacement: Displacement, seed: int, faults: Path | None = None) -> Cell:
+    def open_live(object_name: str, displacement: Displacement, seed: int, faults: Path | None) -> Cell:
         return open_cell(kind, object_name, displacement, seed, description, faults, cell_file=file, live=True)
 
     return CellSource(kind=kind, description=description, file=file, open_cell=open_live, content=content)

@@ -88,26 +88,13 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     name = f"rtstack-{os.getpid()}"
     stack.callback(remove_mailbox, f"{name}-mailbox")
     shared = [
-        "--run",
-        str(folder),
-        "--name",
-        name,
-        "--logs",
-        str(settings.logs),
-        "--cell",
-        str(settings.cell),
-        "--kind",
-        settings.kind,
-    ]
-
+        "--run", str(folder), "--name", name, "--logs", str(settings.logs), "--cell", str(settings.cell),
+        "--kind", settings.kind,
+    ]  # fmt: skip
     robot = _Child("robot process", "rtstack.live.robot", shared)
     stack.callback(robot.end)
-    console = _Child(
-        "console",
-        "console",
-        [*shared, "--listener", str(listener.fileno()), *(["--https"] if settings.https else [])],
-        inherited=(listener.fileno(),),
-    )
+    served = ["--listener", str(listener.fileno()), *["--https"] * settings.https]
+    console = _Child("console", "console", [*shared, *served], inherited=(listener.fileno(),))
     stack.callback(console.end)  # ended first: callbacks run backwards
     console.say(robot.first_line())  # both import at the same time, which takes seconds
     print(f"rtstack is up: {console.first_line()}", flush=True)

@@ -1,5 +1,6 @@
 """Robot process and console as services of their own; and how the console finds the rings, in the run folder."""
 
+import argparse
 from pathlib import Path
 
 from rtstack.live.client import SOCKET_NAME, listens
@@ -8,6 +9,18 @@ from rtstack.loop.mailbox import remove_mailbox
 
 MAILBOX = "rtstack-service"
 _RINGS = "rings"
+
+
+def process_arguments(prog: str) -> argparse.ArgumentParser:
+    """Return the parser of what both processes are started with."""
+    parser = argparse.ArgumentParser(prog=prog)
+    parser.add_argument("--run", type=Path, required=True, help="folder of the robot process's socket")
+    parser.add_argument("--name", required=True, help="name of the shared memory")
+    parser.add_argument("--logs", type=Path, required=True)
+    parser.add_argument("--cell", type=Path, required=True, help="cell description")
+    parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
+    parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
+    return parser
 
 
 def claim(folder: Path, name: str) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -12,7 +11,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk, ChunkIndex
 from numpy.typing import NDArray
 
-from rtstack.log.container import (
+from rtstack.log.errors import LogError
+from rtstack.log.file.container import (
     MESSAGE_HEADER,
     RECORD_HEADER,
     MessageTable,
@@ -21,16 +21,14 @@ from rtstack.log.container import (
     message_table,
     open_mcap,
 )
-from rtstack.log.contents import Contents, contents_by_scan, contents_by_summary
-from rtstack.log.decoding import TopicDecoder, message_class
-from rtstack.log.errors import LogError
-from rtstack.log.job import Attachment
-from rtstack.log.scenery import scenery_schemas
+from rtstack.log.file.contents import Contents, contents_by_scan, contents_by_summary
+from rtstack.log.file.decoding import TopicDecoder, message_class
 from rtstack.log.video import KEY_NS, Decoder
-from rtstack.samples import Level
+from rtstack.log.viewers.scenery import scenery_schemas
+from rtstack.log.writing.job import Attachment
+from rtstack.samples import SIDES, Level
 from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
 
-_NEEDED_TOPIC = ARM_TOPICS[0]
 _NS = 1e-9
 
 
@@ -78,6 +76,11 @@ class Log:
         return tuple(sorted({channel.topic for channel in self._contents.channels.values()}))
 
     @property
+    def sides(self) -> tuple[str, ...]:
+        """The sides of the arms that it has samples of, left before right; both where it has none at all."""
+        return tuple(side for side, topic in zip(SIDES, ARM_TOPICS, strict=True) if self.count(topic)) or SIDES
+
+    @property
     def events(self) -> tuple[Event, ...]:
         """All events, in order of time."""
         records = self.topic(EVENT_TOPIC)
@@ -99,17 +102,10 @@ class Log:
         """
         if name not in TOPICS:
             raise LogError(f"{name} is not a topic of records: there are {', '.join(TOPICS)}")
-        parts = [np.zeros(0, TOPICS[name].record)]
+        parts, wanted = [np.zeros(0, TOPICS[name].record)], dict.fromkeys(self._channels(name), name)
         decoders: dict[int, TopicDecoder] = {}
-        for data, table in self._tables(name):
-            for channel_id in np.unique(table.channel_id).tolist():
-                if channel_id not in decoders:
-                    channel = self._contents.channels[channel_id]
-                    decoders[channel_id] = TopicDecoder(name, self._contents.schemas[channel.schema_id])
-                rows = table.channel_id == channel_id
-                parts.append(
-                    decoders[channel_id].decode(data, table.log_time_ns[rows], table.start[rows], table.size[rows])
-                )
+        for part in self._tables(name):
+            parts += self._decode([part], wanted, decoders).values()
         return np.concatenate(parts)
 
     def first_ns(self, name: str) -> int | None:
@@ -203,10 +199,8 @@ class Log:
         with open_mcap(self.path) as file:
             for chunk in self._contents.chunks:
                 if isinstance(chunk, ChunkIndex):
-                    offsets = [
-                        chunk.message_index_offsets[each] for each in wanted if each in chunk.message_index_offsets
-                    ]
-                    found += [entries[:, 0] for _, entries in map(partial(_index_entries, file), offsets)]
+                    offsets = [at for each, at in chunk.message_index_offsets.items() if each in wanted]
+                    found += [_index_entries(file, offset)[1][:, 0] for offset in offsets]
                     continue
                 table = message_table(chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk))
                 found.append(table.log_time_ns[np.isin(table.channel_id, wanted)])
@@ -236,11 +230,7 @@ class Log:
                     continue
                 data = chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
                 table = message_table(data)
-                rows = np.isin(table.channel_id, wanted)
-                yield (
-                    data,
-                    MessageTable(table.channel_id[rows], table.log_time_ns[rows], table.start[rows], table.size[rows]),
-                )
+                yield data, table.rows(np.isin(table.channel_id, wanted))
 
 
 def read_log(path: Path, truncated: bool = False) -> Log:
@@ -262,11 +252,11 @@ def read_log(path: Path, truncated: bool = False) -> Log:
     topics = {channel.topic for channel in contents.channels.values()}
     for channel in contents.channels.values():
         schema = contents.schemas.get(channel.schema_id)
-        if channel.topic == _NEEDED_TOPIC and schema is not None and schema.name == ARM.schema:
+        if channel.topic in ARM_TOPICS and schema is not None and schema.name == ARM.schema:
             return Log(path, contents, complete)
     if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}:
         return Log(path, contents, complete)  # ours, of a run that ended before its first tick
-    raise LogError(f"{path} is an MCAP file but not a log of ours: topic {_NEEDED_TOPIC} is missing")
+    raise LogError(f"{path} is an MCAP file but not a log of ours: topic {' or '.join(ARM_TOPICS)} is missing")
 
 
 def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:

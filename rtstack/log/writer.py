@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -12,10 +13,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rtstack.log.errors import LogError
-from rtstack.log.frames import CellFrames
-from rtstack.log.job import Attachment, Evidence, LogJob, put_job, put_result
-from rtstack.log.pictures import LoggedCamera
 from rtstack.log.ring import LogState, Rings
+from rtstack.log.viewers.frames import CellFrames
+from rtstack.log.writing.job import Attachment, Evidence, LogJob, texts
+from rtstack.log.writing.pictures import LoggedCamera
 from rtstack.topics import TOPICS
 
 __all__ = ["Attachment", "CellFrames", "Evidence", "LogProcess", "LogSummary", "check_log_path"]
@@ -88,25 +89,18 @@ class LogProcess:
         path = Path(path)
         with _create(path, overwrite) as log:
             job, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in _reap)
-            put_job(job, LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description, tuple(cameras)))
+            told = LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description, tuple(cameras))
+            pickle.dump(told, job)
+            job.flush()
+            files = job.fileno(), log.fileno()
             process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "rtstack.log.process",
-                    str(job.fileno()),
-                    str(log.fileno()),
-                    str(os.getpid()),
-                ],
+                [sys.executable, "-m", "rtstack.log.writing.process", *map(str, (*files, os.getpid()))],
                 stdin=subprocess.DEVNULL,
                 stdout=errors,
                 stderr=errors,
-                pass_fds=(job.fileno(), log.fileno()),
+                pass_fds=files,
                 start_new_session=True,  # Ctrl-C in the terminal must not end the log before the trial
-                env={
-                    **os.environ,
-                    "OPENBLAS_NUM_THREADS": "1",
-                },  # it only copies: no pool of threads
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # it only copies: no pool of threads
             )
         return cls(path, rings, process, job, errors)
 
@@ -159,7 +153,8 @@ class LogProcess:
         """
         try:
             if result or evidence:
-                put_result(self._job, result or {}, evidence)
+                pickle.dump((texts(result or {}), evidence), self._job)
+                self._job.flush()
             self._rings.request_close()
             try:
                 self._process.wait(timeout_s)

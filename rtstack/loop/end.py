@@ -26,7 +26,22 @@ class End(StrEnum):
     CONTROLLER_EXCEPTION = "an exception in the control loop"
     NOT_AT_REST = "the arms did not come to rest"
 
+    @classmethod
+    def in_reason(cls, reason: str | None) -> "End":
+        """Return the end that a failure's reason begins with (rtstack.trials.scoring); COMPLETED without one."""
+        found = [end for end in cls if reason is not None and (reason == end or reason.startswith(f"{end}: "))]
+        return found[0] if found else cls.COMPLETED
+
     @property
     def is_fault(self) -> bool:
         """Whether an operator must recover: not after a trial that finds no impact, or a lighter object."""
         return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.RELEASED)
+
+
+# ends that do not follow from the states: a person, a process or a disk has asked for them
+OUTSIDE = frozenset(
+    (
+        End.STOP_REQUESTED, End.CONSOLE_GONE, End.OPERATOR_GONE, End.RELEASED, End.CLUTCH_QUIET, End.POLICY_QUIET,
+        End.PARENT_GONE, End.LOG_FAILED,
+    )
+)  # fmt: skip

@@ -1,5 +1,7 @@
 """The events of a session: its mode, impacts, contact, classifications, end and connection."""
 
+from collections.abc import Sequence
+
 from rtstack.control.controller import Controller
 from rtstack.loop.fault import FaultNotes
 from rtstack.loop.publisher import Publisher
@@ -15,11 +17,15 @@ class EventReporter:
     Times in texts are s since the start of the reference; events carry the robot's time.
     """
 
-    def __init__(self, publisher: Publisher, controller: Controller, time: Timeline, notes: FaultNotes) -> None:
+    def __init__(
+        self, publisher: Publisher, controller: Controller, time: Timeline, notes: FaultNotes,
+        sides: Sequence[str] = SIDES,
+    ) -> None:  # fmt: skip
         self._publisher, self._controller, self._machine = publisher, controller, controller.machine
         self._time, self._notes = time, notes
         self._mode, self._waiting = Mode.IDLE, False  # as they were told
-        self._unsaid = (0, 1)  # arms whose first impact has not been told yet
+        self._sides = sides
+        self._unsaid = tuple(range(len(sides)))  # arms whose first impact has not been told yet
         self._speaker = ""  # who has something to say about the end
 
     def tick(self) -> None:
@@ -57,9 +63,10 @@ class EventReporter:
         self._say(Level.ERROR, "robot", str(error))
 
     def link(self, lost: int) -> None:
-        """Say of two clocks how many answers came too late, and how far the arms' states were apart."""
-        text = f"{lost} answers came too late, {self._time.missed} states missed, "
-        text += f"the arms' states were {self._time.skew_ns * 1e-6:g} ms apart at most"
+        """Say how many answers to arms with clocks of their own came too late, and how far their states were apart."""
+        text = f"{lost} answers came too late, {self._time.missed} states missed"
+        if len(self._sides) > 1:
+            text += f", the arms' states were {self._time.skew_ns * 1e-6:g} ms apart at most"
         self._say(Level.INFO, "link", text)
 
     def _impacts(self) -> None:
@@ -68,7 +75,7 @@ class EventReporter:
             impact_s = self._controller.impact_s[side]
             if impact_s >= 0.0:
                 self._unsaid = tuple(k for k in self._unsaid if k != side)
-                self._say(Level.INFO, "impact", f"detected at {impact_s:.3f} s, {SIDES[side]}")
+                self._say(Level.INFO, "impact", f"detected at {impact_s:.3f} s, {self._sides[side]}")
 
     def _contact(self) -> None:
         machine = self._machine

@@ -1,6 +1,7 @@
 """What ended a session, as evidence: put together after the last tick from what the ticks only noted."""
 
 import traceback
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +47,8 @@ class Fault:
 class FaultNotes:
     """What a session notes in its ticks, in memory that is there already. The first fault stays."""
 
-    def __init__(self) -> None:
+    def __init__(self, sides: Sequence[str] = SIDES) -> None:
+        self._sides = sides
         self.trip = WatchdogTrip(End.COMPLETED, "")
         self.ended = False  # something has asked for the end
         self.t_ns = 0
@@ -80,5 +82,5 @@ class FaultNotes:
         text = "".join(traceback.format_exception(self.error)) if self.error is not None else ""
         qp = None
         if self.qp_side >= 0:
-            qp = FailedQp(SIDES[self.qp_side], self._qp_status, self._qp_iterations, self._problem)
+            qp = FailedQp(self._sides[self.qp_side], self._qp_status, self._qp_iterations, self._problem)
         return Fault(self.trip, self.t_ns, self.reaction_ticks, text, qp)

@@ -1,14 +1,15 @@
 """Everything that a run published, kept in memory: what a result is computed from, as a log gives it back."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import bound, compiled
 from rtstack.log.push import copy_bytes
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, TIMING_SAMPLE
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC, TOPICS
 
 EVENTS = 1024  # that are kept: a trial has some ten
@@ -16,7 +17,7 @@ EVENTS = 1024  # that are kept: a trial has some ten
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Samples of a run: arm and control (2, n), timing (n,), object (m,), of the records of rtstack.samples."""
+    """Samples of a run: arm and control (arms, n), timing (n,), object (m,), of the records of rtstack.samples."""
 
     arm: NDArray
     control: NDArray
@@ -25,8 +26,13 @@ class Columns:
 
     @classmethod
     def read(cls, topic: Callable[[str], NDArray]) -> "Columns":
-        """Return the samples that `topic` has of each of the topics, cut to the shortest of a tick."""
+        """Return the samples that `topic` has of each of the topics, cut to the shortest of a tick.
+
+        An arm of which there is no sample was not there; without any there are two.
+        """
         arms, controls = ([topic(name) for name in names] for names in (ARM_TOPICS, CONTROL_TOPICS))
+        there = [k for k, samples in enumerate(arms) if len(samples)] or [0, 1]
+        arms, controls = [arms[k] for k in there], [controls[k] for k in there]
         timing = topic(TIMING_TOPIC)
         n = min(map(len, (*arms, *controls, timing)))
         arm, control = (np.stack([samples[:n] for samples in sides]) for sides in (arms, controls))
@@ -69,15 +75,15 @@ class History:
     endless: of a run that has no length of its own the newest `capacity` ticks are kept.
     """
 
-    def __init__(self, capacity: int, endless: bool = False) -> None:
-        self._capacity, self._endless = capacity, endless
-        self._arm = _Samples((2, capacity), ARM_SAMPLE, endless)
-        self._control = _Samples((2, capacity), CONTROL_SAMPLE, endless)
+    def __init__(self, capacity: int, endless: bool = False, sides: Sequence[str] = SIDES) -> None:
+        self._capacity, self._endless, self._sides = capacity, endless, sides
+        self._arm = _Samples((len(sides), capacity), ARM_SAMPLE, endless)
+        self._control = _Samples((len(sides), capacity), CONTROL_SAMPLE, endless)
         self._timing = _Samples((capacity,), TIMING_SAMPLE, endless)
         self._others = {EVENT_TOPIC: _Samples((EVENTS,), TOPICS[EVENT_TOPIC].record, False)}
         self.keep(OBJECT_TOPIC)
         self._sources: tuple[NDArray, ...] = ()
-        self._left: tuple[NDArray, NDArray] | None = None
+        self._records: Sequence[tuple[NDArray, NDArray]] | None = None
         self._copy: Callable[[int], None] = lambda _k: None
         self._ticks = 0
 
@@ -87,24 +93,24 @@ class History:
             self._others[topic] = _Samples((self._capacity,), TOPICS[topic].record, self._endless)
         return self._others[topic].take
 
-    def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
-        """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: see the class."""
+    def append(self, records: Sequence[tuple[NDArray, NDArray]], timing: NDArray) -> None:
+        """Take each arm's arm and control records and the timing, (1,) each. Beyond the capacity: see the class."""
         k = self._ticks
         if k >= self._capacity:
             if not self._endless:
                 return
             k %= self._capacity
-        if left is not self._left:
+        if records is not self._records:
             # the loop publishes the same arrays every tick: their places are looked up once
-            self._left = left
-            self._bind((*left, *right, timing))
+            self._records = records
+            self._bind((*chain.from_iterable(records), timing))
         self._copy(k)
         self._ticks += 1
 
     def _bind(self, sources: tuple[NDArray, ...]) -> None:
         """Look up where the records (1,) are, and where they go. Raises TypeError for a record of another dtype."""
         arm, control = self._arm.memory, self._control.memory
-        targets = (arm[0], control[0], arm[1], control[1], self._timing.memory)
+        targets = (*chain.from_iterable(zip(arm, control, strict=True)), self._timing.memory)
         for source, target in zip(sources, targets, strict=True):
             if source.dtype != target.dtype or source.shape != (1,):
                 raise TypeError(f"a record of shape (1,) and dtype {target.dtype} is needed, not {source.dtype}")
@@ -126,6 +132,8 @@ class History:
         """Return what was taken by topic, in the order of the table, as `columns` does."""
         columns = self.columns()
         of_ticks = (*columns.arm, *columns.control, columns.timing)
-        found = dict(zip((*ARM_TOPICS, *CONTROL_TOPICS, TIMING_TOPIC), of_ticks, strict=True))
+        there = [SIDES.index(side) for side in self._sides]
+        names = (*(topics[k] for topics in (ARM_TOPICS, CONTROL_TOPICS) for k in there), TIMING_TOPIC)
+        found = dict(zip(names, of_ticks, strict=True))
         found |= {topic: samples.taken() for topic, samples in self._others.items()}
         return {topic: found[topic] for topic in TOPICS if topic in found}

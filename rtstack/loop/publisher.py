@@ -1,17 +1,22 @@
 """Where the loop's samples go: any number of rings, and an in-memory history."""
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.cycle import Cycles
+from hal.host_work import HostWork
 from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
 from rtstack.log.errors import LogError
 from rtstack.log.push import push_all
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
-from rtstack.samples import EVENT, TIMING_SAMPLE, Level
+from rtstack.samples import EVENT, SIDES, TIMING_SAMPLE, Level
 from rtstack.topics import (
     ARM_TOPICS,
     CONTROL_TOPICS,
@@ -24,7 +29,6 @@ from rtstack.topics import (
     WORK_TOPIC,
 )
 
-_OF_A_TICK = (ARM_TOPICS[0], CONTROL_TOPICS[0], ARM_TOPICS[1], CONTROL_TOPICS[1], TIMING_TOPIC)
 _ALWAYS = np.ones(1, np.int64)
 
 
@@ -71,22 +75,23 @@ class _Stream:
 class Publisher:
     """Publishes a tick to every ring. Events are fixed-size records too: formatting happens on events only.
 
-    sensors: read with the object's pose. leads: read once the torques are out, their stamps are the log's. Raises
-    LogError for one whose topic is not in the table.
+    sides: of the arms. sensors: read with the object's pose. leads: read once the torques are out, their stamps are
+    the log's. Raises LogError for one whose topic is not in the table.
     """
 
     def __init__(
         self, rings: Sequence[Rings], history: History | None, sensors: Sequence[Sensor] = (),
-        leads: Sequence[Sensor] = (),
+        leads: Sequence[Sensor] = (), sides: Sequence[str] = SIDES,
     ) -> None:  # fmt: skip
+        there = [SIDES.index(side) for side in sides]
+        of_a_tick = (*(topics[k] for k in there for topics in (ARM_TOPICS, CONTROL_TOPICS)), TIMING_TOPIC)
         self.timing = np.zeros(1, TIMING_SAMPLE)
         self._history = history
         self._event = np.zeros(1, EVENT)
-        self._cycles = [[ring.pusher(topic).push for ring in rings] for topic in CYCLE_TOPICS]
+        self._cycles = [[ring.pusher(CYCLE_TOPICS[k]).push for ring in rings] for k in there]
         self._work = [ring.pusher(WORK_TOPIC).push for ring in rings]
-        self._pushers = [[ring.pusher(topic) for topic in _OF_A_TICK] for ring in rings]
-        self._left: tuple[NDArray, NDArray] | None = None
-        self._right: tuple[NDArray, NDArray] | None = None
+        self._pushers = [[ring.pusher(topic) for topic in of_a_tick] for ring in rings]
+        self._records: Sequence[tuple[NDArray, NDArray]] | None = None
         self._rows = np.zeros((0, 5), np.int64)
         self._object = _Stream(OBJECT_TOPIC, rings, history)
         self._sensors = [(sensor, _Stream(sensor.topic, rings, history)) for sensor in sensors]
@@ -108,15 +113,15 @@ class Publisher:
             sensor.read(stream.sample)
             stream.offer(stream.sample, origin_ns, now_ns)
 
-    def tick(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
-        """Publish the arm and control records (1,) of both arms, the timing, and what was looked at and is new."""
-        if left is not self._left or right is not self._right:
-            self._bind(left, right)
+    def tick(self, records: Sequence[tuple[NDArray, NDArray]]) -> None:
+        """Publish the arm and control record (1,) of each arm, the timing, and what was looked at and is new."""
+        if records is not self._records:
+            self._bind(records)
         self._object.publish()  # before the arms: who has their samples has its pose, as a camera needs it
         if self._pushers:
             push_all(self._rows)
         if self._history is not None:
-            self._history.append(left, right, self.timing)
+            self._history.append(records, self.timing)
         for lead, stream in self._leads:
             lead.read(stream.sample)
         for stream in self._streams:
@@ -130,11 +135,11 @@ class Publisher:
             for take in self._work:
                 take(work)
 
-    def _bind(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
+    def _bind(self, records: Sequence[tuple[NDArray, NDArray]]) -> None:
         """Look up where the records are: the loop publishes the same ones every tick."""
-        self._left, self._right = left, right
-        records = (*left, *right, self.timing)
-        rows = [p.bind(record) for each in self._pushers for p, record in zip(each, records, strict=True)]
+        self._records = records
+        every = (*chain.from_iterable(records), self.timing)
+        rows = [p.bind(record) for each in self._pushers for p, record in zip(each, every, strict=True)]
         self._rows = np.array(rows, np.int64).reshape(-1, 5)
 
     def event(self, t_ns: int, level: Level, name: str, text: str) -> None:
@@ -145,3 +150,29 @@ class Publisher:
         self._event["text"][0] = text.encode("ascii", "replace")
         for take in self._event_takers:
             take(self._event)
+
+
+class CycleReporter:
+    """Publishes the cycles of each arm, and what the host did meanwhile. cycles: None where they are not measured;
+    stamps: t_ns of the arms' present states, (1,) each."""
+
+    def __init__(self, cycles: Sequence[Cycles] | None, stamps: Sequence[NDArray[Any]], publisher: Publisher) -> None:
+        self._arms = [(cycle, cycle.sample["t_ns"], stamp) for cycle, stamp in zip(cycles or (), stamps, strict=False)]
+        self._work, self._publisher = HostWork(), publisher
+
+    def measuring(self) -> AbstractContextManager[object]:
+        """Return the context in which the host's work for the calling thread is counted."""
+        return self._work if self._arms else nullcontext()
+
+    def tick(self, sides: tuple[int, ...]) -> None:
+        """Publish the cycles of the arms that were just answered."""
+        if not self._arms:
+            return
+        work = self._work
+        for k in sides:
+            cycles, own_stamp, stamp = self._arms[k]
+            own_stamp[0] = stamp[0]
+            read = work.cycle(cycles.late)
+            if read:
+                work.sample["t_ns"][0] = own_stamp[0]
+            self._publisher.cycle(k, cycles.sample, work.sample if read else None)

@@ -4,6 +4,7 @@ The robot is the clock: `read` blocks until the next state. Nothing here sleeps,
 """
 
 import gc
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT, Cell
+from hal.compilation import compiled
 from hal.errors import HardwareError
+from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
 from rtstack.control.controller import Controller, ObservedArm
 from rtstack.control.records import WORKSPACE
 from rtstack.loop.command_echo import CommandEcho
-from rtstack.loop.cycles import CycleReporter
 from rtstack.loop.end import End
 from rtstack.loop.event_reporter import EventReporter
 from rtstack.loop.fault import Fault, FaultNotes
-from rtstack.loop.low_pass import low_pass, low_pass_share
-from rtstack.loop.publisher import Publisher
+from rtstack.loop.publisher import CycleReporter, Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.loop.watchdogs import FirstTorque, TickOverrun, Watchdog, WatchdogTrip
 from rtstack.safety.judge import Cause, ForcePhase, SafetyJudge
-from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
+from rtstack.samples import ARM_SAMPLE, Level, Mode, QpStatus
 
 _OF_THE_OTHER = (Cause.PAIR_SKEW, Cause.OTHER_ARM)  # the other arm's own reason says more
 # looked up once: an enumeration's member costs 0.1 us
@@ -37,6 +38,24 @@ _NO_REASON, _COMMANDED, _CONTROLLER = Cause.NONE, Cause.COMMANDED, Cause.CONTROL
 _IMPACT, _CONTACT = ForcePhase.IMPACT, ForcePhase.CONTACT
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 _MASK = {(): 0, (0,): LEFT, (1,): RIGHT, (0, 1): LEFT | RIGHT}  # of the arms that were served
+
+
+def low_pass_share(cutoff_hz: float) -> float:
+    """Return the share of the way to a new torque that is gone in one tick (libfranka, lowpass_filter.h); 1: all."""
+    if cutoff_hz <= 0.0:
+        return 1.0
+    return CONTROL_PERIOD_S / (CONTROL_PERIOD_S + 1.0 / (2.0 * math.pi * cutoff_hz))
+
+
+@compiled
+def low_pass(samples, workspaces, share):
+    """Move samples[0].tau_desired to where it is `share` of the way from the last applied torque: never a larger step.
+
+    What is no number stays none: the judge sees it.
+    """
+    desired, last = samples[0].tau_desired, workspaces[0].tau_previous
+    for i in range(7):
+        desired[i] = last[i] + share * (desired[i] - last[i])
 
 
 class StopSignal(Protocol):
@@ -48,24 +67,29 @@ class StopSignal(Protocol):
         ...
 
 
-class Guide(Protocol):
+class PointSource(Protocol):
     """Writes the plan's points during the session, which has no end of its own then."""
 
     @property
     def points(self) -> NDArray[np.void]:
-        """The points (2, 1) of POINT that are written."""
+        """The points (arms, 1) of POINT that are written."""
+        ...
+
+    def listen(self) -> None:
+        """Take what has come since the last tick: requests, what the arms have reached. Once a tick, before `step`,
+        and before this source is asked as a watchdog, which it has to be. Never waits."""
         ...
 
     def step(self, side: int, arm: ObservedArm) -> None:
-        """Write the point of an arm (0 left, 1 right) whose state was just observed. Never waits."""
+        """Write the point of an arm, by its place among the arms, whose state was just observed. Never waits."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class SessionPlan:
-    """What to follow: ante and post (2, n) of POINT, the mode to begin with, and the stiffness (6,).
+    """What to follow: ante and post (arms, n) of POINT, the mode to begin with, and the stiffness (6,).
 
-    guide: writes ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do.
+    source: writes ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do.
     impact_s: between which two moments an impact is meant, s since the start: until it is detected the forces are those
     of contact, from then on those of an impact, and outside those of `phase`.
     """
@@ -75,14 +99,16 @@ class SessionPlan:
     mode: Mode
     stiffness: NDArray[np.floating]
     period_s: float
-    guide: Guide | None = None
+    source: PointSource | None = None
     phase: ForcePhase = ForcePhase.APPROACH
     impact_s: tuple[float, float] | None = None
 
     @classmethod
-    def guided(cls, guide: Guide, stiffness: NDArray[np.floating], period_s: float, phase: ForcePhase) -> "SessionPlan":
-        """Return the plan whose only point the guide writes anew each tick."""
-        return cls(guide.points, guide.points, Mode.TELEOPERATION, stiffness, period_s, guide, phase)
+    def from_source(
+        cls, source: PointSource, stiffness: NDArray[np.floating], period_s: float, phase: ForcePhase
+    ) -> "SessionPlan":
+        """Return the plan whose only point the source writes anew each tick."""
+        return cls(source.points, source.points, Mode.TELEOPERATION, stiffness, period_s, source, phase)
 
     @property
     def widest_phase(self) -> ForcePhase:
@@ -124,7 +150,7 @@ class Session:
         self,
         cell: Cell,
         controller: Controller,
-        judges: tuple[SafetyJudge, SafetyJudge],
+        judges: Sequence[SafetyJudge],
         publisher: Publisher,
         plan: SessionPlan,
         stop: StopSignal | None = None,
@@ -134,7 +160,9 @@ class Session:
     ) -> None:
         self._cell = cell
         self._controller, self._machine, self._controlled = controller, controller.machine, controller.arms
-        self._judges = judges
+        self._judges = tuple(judges)
+        self._sides, self._all = cell.sides, tuple(range(len(cell.arms)))
+        self._all_mask = _MASK[self._all]
         self._publisher = publisher
         self._plan = plan
         self._stop = stop
@@ -142,10 +170,11 @@ class Session:
         self._share = low_pass_share(cutoff_hz)
         if self._share < 1.0:  # compile it before the robot is armed
             low_pass(np.zeros(1, ARM_SAMPLE), np.zeros(1, WORKSPACE), self._share)
-        self._arms = (cell.left, cell.right)
+        self._arms = cell.arms
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
-        self._shown: list[NDArray[np.void] | None] = [None, None]  # the record that an arm shows its states in,
-        self._shown_bytes: list[NDArray[np.uint8]] = list(self._states)  # and its bytes
+        # the record that an arm shows its states in, and its bytes
+        self._shown: list[NDArray[np.void] | None] = [None] * len(self._arms)
+        self._shown_bytes: list[NDArray[np.uint8]] = list(self._states)
         self._stamps = tuple(a.sample["t_ns"] for a in controller.arms)
         self._torques = tuple(a.sample["tau_applied"][0] for a in controller.arms)
         self._echoes = tuple(CommandEcho(judge, arm) for judge, arm in zip(judges, controller.arms, strict=True))
@@ -160,14 +189,14 @@ class Session:
         self._phase = plan.phase
         self._impact_ns, self._impact_end_ns = (round(t_s * 1e9) for t_s in plan.impact_s or (0.0, 0.0))
         self._own_clocks = cell.own_clocks
-        self._time = Timeline(publisher.timing, cell.own_clocks, cell.waits)
+        self._time = Timeline(publisher.timing, cell.own_clocks, cell.waits, len(cell.arms))
         self._compute_us = publisher.timing["compute_us"]
         self._cycles = CycleReporter(cell.cycles if cell.own_clocks else None, self._stamps, publisher)
-        self._overrun = TickOverrun()
-        own = (self._overrun, FirstTorque(*self._echoes))
+        self._overrun = TickOverrun(len(cell.arms))
+        own = (self._overrun, FirstTorque(dict(zip(cell.sides, self._echoes, strict=True))))
         self._watchdogs = (*watchdogs, *own) if cell.own_clocks else tuple(watchdogs)
-        self._notes = FaultNotes()
-        self._reporter = EventReporter(publisher, controller, self._time, self._notes)
+        self._notes = FaultNotes(cell.sides)
+        self._reporter = EventReporter(publisher, controller, self._time, self._notes, cell.sides)
         self._alone = False  # the controller is not asked any more
         self._unpublished = 0
         self._rest = StandstillDetector([a.sample["dq"][0] for a in controller.arms])
@@ -189,7 +218,8 @@ class Session:
         finally:
             # whose state stands still may take its time to say that it has stopped
             blind = [judge.blind for judge in self._judges]
-            self._cell.stop(RIGHT if blind[0] and not blind[1] else LEFT, at_rest=self._rest.reached and not any(blind))
+            first = RIGHT if blind[0] and not blind[-1] else LEFT
+            self._cell.stop(first, at_rest=self._rest.reached and not any(blind))
             if collecting:
                 gc.enable()
         self._reporter.end()
@@ -230,9 +260,9 @@ class Session:
             self._go_on_alone(error)
         if self._own_clocks:
             self._overrun.take(sides, time.perf_counter_ns() - began_ns)
-        left, right = self._judges
-        if left.blind or right.blind:
-            return False  # only the robot itself can brake by a state that does not change
+        for judge in self._judges:
+            if judge.blind:
+                return False  # only the robot itself can brake by a state that does not change
         return not (self._machine.mode is _STOPPING and 0 in sides and self._at_rest())
 
     def _pause(self) -> None:
@@ -244,11 +274,11 @@ class Session:
                 self._go_on_alone(error)
 
     def _receive(self) -> tuple[int, ...]:
-        """Read both arms where they share a clock, else one whose state has arrived: the other one's turn is next.
+        """Read all arms where they share a clock, else one whose state has arrived: the other one's turn is next.
 
         Answered together, the first one would wait for the second one's tick.
         """
-        sides = _FIRST[self._cell.link.wait()] if self._own_clocks and self._cell.link is not None else (0, 1)
+        sides = _FIRST[self._cell.link.wait()] if self._own_clocks and self._cell.link is not None else self._all
         for k in sides:
             record = self._arms[k].read().record
             if record is not self._shown[k]:
@@ -286,11 +316,11 @@ class Session:
         controller.decide(now_ns * 1e-9)
         if self._look_for_an_end(now_ns // TICK_NS):
             return self._ask_for_torques(sides)
-        status, guide = _NOT_USED, self._plan.guide
+        status, source = _NOT_USED, self._plan.source
         for k in sides:
             arm = arms[k]
-            if guide is not None:
-                guide.step(k, arm)
+            if source is not None:
+                source.step(k, arm)
             elapsed_ns = elapsed[k]
             found = controller.command(k, elapsed_ns, elapsed_ns // TICK_NS)
             if found > status:
@@ -310,25 +340,27 @@ class Session:
         self._end(WatchdogTrip(End.CONTROLLER_EXCEPTION, f"{type(error).__name__}: {error}"), "controller")
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
-        """Publish once both arms were served; where one was served twice, with the other one's last tick."""
+        """Publish once all arms were served; where one was served twice, with the other one's last tick."""
         compute = self._compute_us
         served = _MASK[sides]
         compute[0] = compute_us + (compute[0] if self._unpublished else 0.0)
-        both = served | self._unpublished == LEFT | RIGHT
-        if both or (served & self._unpublished and self._time.both_begun):
+        complete = served | self._unpublished == self._all_mask
+        if complete or (served & self._unpublished and self._time.all_begun):
             self._unpublished = 0
             if self._own_clocks:
                 self._publisher.look(self._cell.tracker)
-            self._publisher.tick(self._records[0], self._records[1])
+            self._publisher.tick(self._records)
         else:
             self._unpublished |= served
 
     def _look_for_an_end(self, index: int) -> bool:
         """Ask everybody who may end the session. Returns whether the controller must not be asked any more."""
-        machine = self._machine
+        machine, source = self._machine, self._plan.source
         if machine.mode is _STOPPING:
             return False
         for watchdog in self._watchdogs:
+            if source is not None and watchdog is source:
+                source.listen()
             trip = watchdog.trip()
             if trip is not None:
                 self._end(trip, "watchdog")
@@ -342,7 +374,7 @@ class Session:
         elif self._controller.reaction_over and self._controller.monitor is not None:
             monitor = self._controller.monitor
             self._end(WatchdogTrip(End.CRASH if monitor.crash else End.UNEXPECTED_IMPACT, monitor.text))
-        elif index >= self._last_index and self._plan.guide is None:
+        elif index >= self._last_index and self._plan.source is None:
             self._end(WatchdogTrip(End.COMPLETED, ""))
         return False
 
@@ -367,21 +399,24 @@ class Session:
             self._echoes[k].sent()
 
     def _look_at_judges(self, status: QpStatus) -> None:
-        """Notice a stop of a judge's own, and when both arms stop."""
-        left, right = self._stopping
-        if not left[0] and not right[0]:
+        """Notice a stop of a judge's own, and when all arms stop."""
+        for one in self._stopping:
+            if one[0]:
+                break
+        else:
             return
         stopping = [judge.stopping for judge in self._judges]
         if self._machine.mode is not Mode.STOPPING:
-            k = next((k for k in (0, 1) if stopping[k] and self._judges[k].reason not in _OF_THE_OTHER), None)
+            k = next((k for k in self._all if stopping[k] and self._judges[k].reason not in _OF_THE_OTHER), None)
             k = stopping.index(True) if k is None else k
             judge = self._judges[k]
             if judge.reason is Cause.CONTROLLER:
-                trip = WatchdogTrip(End.QP, status.name.lower(), side=SIDES[self._notes.qp_side])
+                trip = WatchdogTrip(End.QP, status.name.lower(), side=self._sides[self._notes.qp_side])
             else:
                 value, bound = float(judge.memory["value"][0]), float(judge.memory["bound"][0])
-                detail = f"{SIDES[k]}: {judge.explanation}"
-                trip = WatchdogTrip(End.SAFETY, detail, value=value, bound=bound, side=SIDES[k], joint=judge.joint)
+                side = self._sides[k]
+                detail = f"{side}: {judge.explanation}"
+                trip = WatchdogTrip(End.SAFETY, detail, value=value, bound=bound, side=side, joint=judge.joint)
             self._end(trip, "safety")
         if all(stopping) and self._notes.reaction_ticks is None and self._notes.trip.end.is_fault:
             self._notes.reaction_ticks = round((self._time.now_ns - self._notes.now_ns) / TICK_NS)

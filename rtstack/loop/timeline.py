@@ -7,31 +7,31 @@ TICK_NS = 1_000_000
 
 
 class Timeline:
-    """Times of one session. Arms are 0 left, 1 right; all times are ns of int.
+    """Times of one session. Arms by their place among the arms; all times are ns of int.
 
-    own_clocks: two control boxes that count from anywhere. The right one's stamps are moved onto the left one's
+    own_clocks: control boxes that count from anywhere. The second one's stamps are moved onto the first one's
     time line by the difference of their first states. `skew_ns`: the largest distance of the arms' newest states since.
 
-    from_zero: both arms are of one robot that waits for its answer. How long it was idle before is the host's doing, so
+    from_zero: all arms are of one robot that waits for its answer. How long it was idle before is the host's doing, so
     that stamps are moved to count from the first state.
     """
 
-    def __init__(self, timing: NDArray[np.void], own_clocks: bool, from_zero: bool = False) -> None:
+    def __init__(self, timing: NDArray[np.void], own_clocks: bool, from_zero: bool = False, arms: int = 2) -> None:
         """timing: the TIMING_SAMPLE (1,) to keep."""
         self.start_ns = -1  # robot's time of the first state
         self.t_ns = 0  # robot's time of the newest state
-        self.elapsed_ns = [-1, -1]
+        self.elapsed_ns = [-1] * arms
         self.now_ns = -1  # time since the start of the reference
         self.skew_ns = 0
         # views of single fields: looking a field up costs more than writing it
         self._stamp, self._period_us, self._lateness_us, self._missed_deadlines, self._pair_skew_us = (
             timing[name] for name in ("t_ns", "period_us", "lateness_us", "missed_deadlines", "pair_skew_us")
         )
-        self._arrived_ns = [0, 0]
+        self._arrived_ns = [0] * arms
         self._own_clocks, self._from_zero = own_clocks, from_zero
-        self._starts = [0, 0]
-        self._offsets = [0, 0]
-        self._missed = [0, 0]
+        self._starts = [0] * arms
+        self._offsets = [0] * arms
+        self._missed = [0] * arms
         self._host_start_ns = self._host_ns = 0
 
     @property
@@ -40,7 +40,7 @@ class Timeline:
         return -self._offsets[0] if self._from_zero else 0
 
     @property
-    def both_begun(self) -> bool:
+    def all_begun(self) -> bool:
         """Whether each arm has shown a state."""
         return min(self.elapsed_ns) >= 0
 
@@ -78,8 +78,8 @@ class Timeline:
     def _take_own(self, side: int, stamps: NDArray[np.int64], t_ns: int, host_ns: int) -> None:
         stamps[0] = t_ns + self._offsets[side]
         self._arrived_ns[side] = host_ns
-        if self.both_begun:
-            self._pair_skew_us[0] = abs(self._arrived_ns[0] - self._arrived_ns[1]) * 1e-3
+        if self.all_begun:
+            self._pair_skew_us[0] = abs(self._arrived_ns[0] - self._arrived_ns[-1]) * 1e-3
         if side == 1:
             self.skew_ns = max(self.skew_ns, abs(self.elapsed_ns[1] - self.elapsed_ns[0]))
 

@@ -6,7 +6,7 @@ judge's stop. docs/generate/watchdogs.py lists all of them, with the ones outsid
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Protocol
@@ -16,7 +16,7 @@ from rtstack.loop.command_echo import CommandEcho
 from rtstack.loop.end import End
 from rtstack.safety.arming import LEASE_S
 from rtstack.safety.limits import LARGEST_GAP_S
-from rtstack.samples import SIDES, Level
+from rtstack.samples import Level
 
 CONSOLE_S = 1.0  # the console beats ten times a second; a page that it renders may keep it busy for some tenths
 OPERATOR_S = LEASE_S
@@ -95,14 +95,14 @@ class Parent:
 
 
 class TickOverrun:
-    """Trips where both arms' turns together took longer than a period, OVERRUN_TICKS times in a row for one of them.
+    """Trips where the arms' turns together took longer than a period, OVERRUN_TICKS times in a row for one of them.
 
     Only where the robot does not wait. One long turn counts once for each arm, and is forgotten with the next one.
     """
 
-    def __init__(self) -> None:
-        self._took_ns = [0, 0]
-        self._long_ticks = [0, 0]
+    def __init__(self, arms: int = 2) -> None:
+        self._took_ns = [0] * arms
+        self._long_ticks = [0] * arms
 
     def take(self, sides: tuple[int, ...], took_ns: int) -> None:
         """Take how long the turn of `sides` took, from its states to its end, without the wait for them."""
@@ -126,8 +126,11 @@ class FirstTorque:
     robot holds it while the first one moves. Where neither shows one, neither moves.
     """
 
-    def __init__(self, left: CommandEcho, right: CommandEcho) -> None:
-        self._pairs = ((SIDES[0], left, right), (SIDES[1], right, left))
+    def __init__(self, echoes: Mapping[str, CommandEcho]) -> None:
+        """echoes: of each arm, by its side."""
+        self._pairs = [
+            (side, echo, other) for side, echo in echoes.items() for name, other in echoes.items() if name != side
+        ]
 
     def trip(self) -> WatchdogTrip | None:
         """See Watchdog."""

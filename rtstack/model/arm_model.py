@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import bound, compiled
 from hal.pad import Pad
 from hal.robots import RobotModel

@@ -3,9 +3,10 @@
 import datetime
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,16 +15,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml, place_of
 from hal.clock_relation import ClockRelation
-from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml, place_of
 from hal.pad import Pad, Quaternion, Vector
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
-from hal.tag_camera import TagCamera
-from hal.tracker import TrackerFrames, TrackerRequest, TrackerTimes
+from hal.tracker import TagCamera, TrackerFrames, TrackerRequest, TrackerTimes
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
-from rtstack.samples import Reaction
+from rtstack.samples import SIDES, LawInertia, Reaction
 
 LARGEST_AGE_MS = 100.0  # ten frames of a slow tracker; ours
 Clock = Literal["robot", "host", "own", "arrival"]
@@ -178,12 +178,14 @@ class ContactFriction:
 class Gains:
     """Gains of this cell in the place of the papers' (rtstack.control.parameters), which count where there is None.
 
-    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2.
+    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2. law_inertia: the mass matrix of the
+    controller's law.
     """
 
     stiffness: Stiffnesses | None = None
     stiffness_teleoperation: Stiffnesses | None = None
     posture_gain: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = None
+    law_inertia: LawInertia = LawInertia.LINKS_AND_MOTORS
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -247,7 +249,7 @@ class CameraDescription:
 
 
 class LoadPolicy(StrEnum):
-    """What becomes of an object that is still held after a stop: rtstack.trials.load."""
+    """What becomes of an object that is still held after a stop: rtstack.trials.move."""
 
     HOLD = "hold"
     LOWER = "lower"
@@ -256,8 +258,10 @@ class LoadPolicy(StrEnum):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
-    """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
+    """A cell of one arm or two, as its TOML describes it (deploy/cells). safety: the limits that it tightens
+    (rtstack.safety.limits).
 
+    left, right: None for an arm that is not there.
     unexpected_impact: what a trial does about one that asks for nothing; by default it stops where the arms are real.
     enforce_realtime: real arms, not those on this machine, are refused on a kernel that is not real-time. calibration:
     needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the file that
@@ -266,11 +270,11 @@ class CellDescription:
 
     name: str
     simulated: bool
-    left: ArmMounting
-    right: ArmMounting
     pad: Pad
     table: Table
     objects: Annotated[dict[str, ObjectDescription], Field(min_length=1)]
+    left: ArmMounting | None = None
+    right: ArmMounting | None = None
     tracker: TrackerDescription = field(default_factory=TrackerDescription)
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
@@ -292,20 +296,51 @@ class CellDescription:
         return self.unexpected_impact or (Reaction.CONTINUE if self.simulated else Reaction.STOP)
 
     @property
-    def robots(self) -> tuple[RobotModel, RobotModel]:
-        """The models of the left and of the right arm."""
-        return self.left.robot, self.right.robot
+    def mountings(self) -> dict[str, ArmMounting]:
+        """The arms that are there by their side, left before right. All that is of each arm is in this order."""
+        return {side: arm for side, arm in zip(SIDES, (self.left, self.right), strict=True) if arm is not None}
 
     @property
-    def pads(self) -> tuple[Pad, Pad]:
-        """What the left and the right arm carry."""
-        return self.left.pad or self.pad, self.right.pad or self.pad
+    def sides(self) -> tuple[str, ...]:
+        """The sides of the arms."""
+        return tuple(self.mountings)
 
     @property
-    def tools(self) -> tuple[Tool, Tool]:
+    def arms(self) -> tuple[ArmMounting, ...]:
+        """The arms."""
+        return tuple(self.mountings.values())
+
+    @property
+    def robots(self) -> tuple[RobotModel, ...]:
+        """The model of each arm."""
+        return tuple(arm.robot for arm in self.arms)
+
+    @property
+    def pads(self) -> tuple[Pad, ...]:
+        """What each arm carries."""
+        return tuple(arm.pad or self.pad for arm in self.arms)
+
+    @property
+    def tools(self) -> tuple[Tool, ...]:
         """The same as the safety judge sees it. Raises ValueError for what is no pad."""
-        left, right = self.pads
-        return tool_of(left), tool_of(right)
+        return tuple(map(tool_of, self.pads))
+
+    @property
+    def bases(self) -> tuple[Base, ...]:
+        """Where each arm stands, as the safety judge sees it. Raises ValueError for what is no place."""
+        return tuple(arm.base for arm in self.arms)
+
+    @property
+    def home(self) -> NDArray[np.float64]:
+        """The posture (arms, 7), rad, in which a recording begins."""
+        return np.array([arm.home for arm in self.arms])
+
+    def only(self, sides: Collection[str]) -> "CellDescription":
+        """Return the description with the arms of these sides alone. Raises ValueError where one is not there."""
+        for side in sides:
+            if side not in self.mountings:
+                raise ValueError(f"there is no [{side}] arm")
+        return replace(self, **{side: arm if side in sides else None for side, arm in self.mountings.items()})
 
     def about(self, object_name: str) -> "CellDescription":
         """Return the description with the contact friction of this object, where it has its own."""
@@ -334,37 +369,33 @@ def base_frame(mounting: ArmMounting) -> Frame:
     return Frame(rotation=rotation, translation=np.array(mounting.base_position))
 
 
-def base_poses(description: CellDescription) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return T_world_base (4, 4) of the left and of the right arm."""
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    for T, mounting in zip(poses, (description.left, description.right), strict=True):
+def base_poses(description: CellDescription) -> tuple[NDArray[np.float64], ...]:
+    """Return T_world_base (4, 4) of each arm."""
+    poses = np.tile(np.eye(4), (len(description.arms), 1, 1))
+    for T, mounting in zip(poses, description.arms, strict=True):
         frame = base_frame(mounting)
         T[:3, :3], T[:3, 3] = frame.rotation, frame.translation
-    return poses[0], poses[1]
+    return tuple(poses)
 
 
 def load_cell_description(path: Path) -> CellDescription:
     """Read and check a cell description. Raises ConfigurationError with one line that names the key."""
     description = load_toml(path, CellDescription)
-    left, right = (replace(arm, model=reference_in(path, arm.model)) for arm in (description.left, description.right))
-    description, pad = replace(description, left=left, right=right), description.pad
-    checks = {
-        "left.model: ": lambda: left.robot,
-        "right.model: ": lambda: right.robot,
-        "left.home": lambda: _check_home(left),
-        "right.home": lambda: _check_home(right),
-        "right.address": lambda: _check_other(left.address, right.address),
-        "left.serial": lambda: _check_serial(left),
-        "right.serial": lambda: _check_serial(right),
-        "left.": lambda: left.base,
-        "right.": lambda: right.base,
-        "objects.": lambda: _check_names(description.objects),
-        "pad.": lambda: tool_of(pad),
-        "left.pad.": lambda: tool_of(left.pad or pad),
-        "right.pad.": lambda: tool_of(right.pad or pad),
-        "": lambda: [hardware_limits(model).tightened(description.safety) for model in description.robots],
-    }
-    for key, check in checks.items():
+    if not description.mountings:
+        raise ConfigurationError(f"{path}: a cell has one arm or two: [left], [right], or both")
+    arms = {side: replace(arm, model=reference_in(path, arm.model)) for side, arm in description.mountings.items()}
+    description, pad = replace(description, **arms), description.pad
+    checks: list[tuple[str, Callable[[], object]]] = []
+    for side, arm in arms.items():
+        checks += [(f"{side}.model: ", partial(getattr, arm, "robot")), (f"{side}.home", partial(_check_home, arm))]
+    if len(arms) == 2:
+        checks.append(("right.address", lambda: _check_other(*(arm.address for arm in arms.values()))))
+    for side, arm in arms.items():
+        checks += [(f"{side}.serial", partial(_check_serial, arm)), (f"{side}.", partial(getattr, arm, "base"))]
+    checks += [("objects.", lambda: _check_names(description.objects)), ("pad.", lambda: tool_of(pad))]
+    checks += [(f"{side}.pad.", partial(tool_of, arm.pad or pad)) for side, arm in arms.items()]
+    checks.append(("", lambda: [hardware_limits(model).tightened(description.safety) for model in description.robots]))
+    for key, check in checks:
         try:
             check()
         except ValueError as error:

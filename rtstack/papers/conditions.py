@@ -1,12 +1,50 @@
-"""The contact of a simulated grab, and how much it differs between repetitions."""
+"""Under what a simulated grab is run: contact, scatter, the demonstrating hand, the law's inertia, the robot."""
 
+from dataclasses import dataclass, replace
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, NotNegative, Positive
+from hal.base.configuration import STRICT, NotNegative, Positive
 from rtstack.cells import IDEAL
+from rtstack.references.demonstration import Grab
+from rtstack.samples import LawInertia
+
+GRAVITY_M_S2 = 9.81
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Hand:
+    """How a demonstrating hand goes on after it has met the object: give either grip or depth_m.
+
+    grip: what the hand at rest exerts on each pad, as a multiple of the least force m g / (2 mu) that holds the object
+    by friction. depth_m: how far inside the object's surface the hand's target comes to rest. stop_s: the time from the
+    surface to there; by default 2 depth / speed, an even stop (a hand with less time speeds up after the contact).
+    """
+
+    grip: Positive | None = None
+    depth_m: Annotated[float, Field(gt=0.0, le=0.14)] | None = None
+    stop_s: Annotated[float, Field(ge=0.02, le=1.0)] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Hand":
+        if (self.grip is None) == (self.depth_m is None):
+            raise ValueError("give either grip or depth_m")
+        return self
+
+    def script(self, variation: Grab, mass_kg: float, pad_friction: float, stiffness_n_m: float) -> Grab:
+        """Return a demonstration with this hand. stiffness_n_m: K_r towards the object, between target and pad.
+
+        A variation keeps its own share of the depth: no two demonstrations are alike.
+        """
+        depth_m = self.depth_m
+        if self.grip is not None:
+            depth_m = self.grip * mass_kg * GRAVITY_M_S2 / (2.0 * pad_friction) / stiffness_n_m
+        assert depth_m is not None
+        depth_m *= variation.squeeze / Grab().squeeze
+        stop_s = self.stop_s or 2.0 * depth_m / variation.speed_y
+        return replace(variation, squeeze=depth_m, squeeze_s=stop_s)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -16,7 +54,8 @@ class Conditions:
     pad_stiffness N/m; friction coefficients; friction_scatter a fraction of the pads' and of the table's friction;
     tau_ext_cutoff_hz of the robot's filter of the external torque, on which the impact detector waits; speed_m_s of the
     pads at the object's surface in the demonstration, if not the variation's own. profile: of the simulated robot
-    (sim_robot.profile).
+    (sim_robot.profile). hand: of the demonstration, if not the variation's own. law_inertia: which inertia the law
+    uses, in demonstration and trial; by default the cell's.
     """
 
     pad_stiffness: Positive
@@ -28,3 +67,34 @@ class Conditions:
     tau_ext_cutoff_hz: Positive
     speed_m_s: Positive | None = None
     profile: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] = IDEAL
+    hand: Hand | None = None
+    law_inertia: LawInertia | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A demonstration: this variation of the scripted operator, with this object.
+
+    conditions: the name of those under which it is recorded; empty: the first ones of the plan.
+    """
+
+    object: str
+    variation: int
+    conditions: str = ""
+
+    @classmethod
+    def named(cls, name: str) -> "Reference":
+        """Return the reference of a name such as rice_box/3, or rice_box/3@fast where it has conditions of its own."""
+        thing, _, rest = name.partition("/")
+        variation, _, conditions = rest.partition("@")
+        return cls(thing, int(variation), conditions)
+
+    @property
+    def name(self) -> str:
+        """OBJECT/VARIATION, or OBJECT/VARIATION@CONDITIONS."""
+        return f"{self.object}/{self.variation}" + f"@{self.conditions}" * bool(self.conditions)
+
+    @property
+    def file(self) -> str:
+        """Name of its recording."""
+        return f"{self.name.replace('/', '-')}.mcap"

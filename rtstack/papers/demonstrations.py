@@ -1,30 +1,29 @@
 """Demonstrations that the trials of a campaign follow: how a worker records them, and what all its trials share."""
 
-from collections.abc import Generator, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import with_profile
 from rtstack.experiments.archive import Archive
 from rtstack.experiments.experiment import Stage, Task
 from rtstack.experiments.seeds import seed_of
-from rtstack.log.job import Attachment
+from rtstack.log.writing.job import Attachment
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.papers.conditions import Conditions
-from rtstack.papers.reference import Reference
-from rtstack.papers.simulated_cell import open_conditioned_cell
+from rtstack.papers.conditions import Conditions, Reference
+from rtstack.papers.simulated_cell import BuiltCell, WorkerHost, conditioned_cell
+from rtstack.references.demonstration import Grab, grab
 from rtstack.safety.limits import HARDWARE
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.record import cell_attachments, frames, trial_metadata
-from rtstack.trials.run_context import RunContext
+from rtstack.trials.assembly import cell_parameters
+from rtstack.trials.carry_out import carry_out
+from rtstack.trials.demonstration import prepare_demonstration
+from rtstack.trials.record import cell_attachments, whole_run_log
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification
-from rtstack.trials.whole_run_log import WholeRunLog
 
-CELL = "direct"
 RECORDINGS = "references"
 LOGS = "logs"
 
@@ -38,12 +37,13 @@ _AS_AN_IMPACT = {name: getattr(HARDWARE, name) for name in ("tau_ext_contact_max
 class Bench:
     """What all trials of a campaign have in common, as it is sent to the workers.
 
-    Paths are absolute: workers on other machines need the same folders. elsewhere: where recordings and logs are, if
-    not in `out`: an address that fsspec knows. digest: the campaign's, for the logs. lab_file: a cell_file with objects
-    of its own.
+    Paths are absolute: workers on other machines need the same folders. cell: its kind. elsewhere: where recordings and
+    logs are, if not in `out`: an address that fsspec knows. digest: the campaign's, for the logs. lab_file: a cell_file
+    with objects of its own.
     """
 
     out: Path
+    cell: str
     cell_file: Path
     criterion: SuccessCriterion
     digest: str
@@ -55,52 +55,75 @@ class Bench:
         """Where recordings and logs are."""
         return Archive(self.elsewhere or str(self.out))
 
-    def open_cell(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> Cell:
-        """Open the simulated cell of a trial."""
-        return open_conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.lab_file)
+    def built_cell(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> BuiltCell:
+        """Return the simulated cell of a trial."""
+        return conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.lab_file)
 
     @property
     def description(self) -> CellDescription:
         """The cell, read once in a process."""
-        return _description(self.cell_file)
+        return described_cell(self.cell_file)
 
 
 @lru_cache(maxsize=4)
-def _description(cell_file: Path) -> CellDescription:
+def described_cell(cell_file: Path) -> CellDescription:
+    """Return the description in a cell's file, read once in a process."""
     return load_cell_description(cell_file)
 
 
 @lru_cache(maxsize=1)
 def common_attachments(cell_file: Path) -> list[Attachment]:
     """Return what every log of a campaign has attached."""
-    return cell_attachments(cell_file, load_cell_description(cell_file))
+    return cell_attachments(cell_file, described_cell(cell_file))
+
+
+def campaign_record(case: Any, digest: str) -> dict[str, str]:
+    """Return the metadata record `campaign` of the log of a case, a dataclass with an id."""
+    return {key: str(value) for key, value in asdict(case).items()} | {"id": case.id, "digest": digest}
 
 
 def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
     """Record a demonstration. Returns None, or in one line why there is none."""
     description = replace(bench.description, safety=_AS_AN_IMPACT | bench.description.safety)
-    specification = DemonstrationSpecification(reference.object, reference.variation, seed, reference.speed_m_s)
-    metadata = {"trial": trial_metadata(specification, with_profile(CELL, conditions.profile), None)}
+    specification = DemonstrationSpecification(
+        reference.object, reference.variation, seed, conditions.speed_m_s, law_inertia=conditions.law_inertia
+    )
+    script = hand_script(bench, reference, conditions)
+    if script is not None:
+        specification = replace(specification, squeeze_m=script.squeeze, squeeze_s=script.squeeze_s)
+    kind, law = with_profile(bench.cell, conditions.profile), description.gains.law_inertia
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
-        log = WholeRunLog(
-            path, metadata, common_attachments(bench.cell_file),
-            frames(description, reference.object),
-        )  # fmt: skip
-        cell = bench.open_cell(reference.object, Displacement(), seed, conditions)
-        try:
-            return run_demonstration(specification, description, cell, RunContext(log)).failure_reason
-        finally:
-            cell.close()
+        log = whole_run_log(
+            path, specification, description, common_attachments(bench.cell_file), kind, law_inertia=law
+        )
+        prepared = prepare_demonstration(specification, description)
+        built = bench.built_cell(reference.object, Displacement(), seed, conditions)
+        return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
+
+
+def hand_script(bench: Bench, reference: Reference, conditions: Conditions) -> Grab | None:
+    """Return the demonstration with the hand of the conditions; None where they have none."""
+    if conditions.hand is None:
+        return None
+    thing = bench.description.objects[reference.object]
+    return conditions.hand.script(
+        grab(reference.variation, conditions.speed_m_s),
+        thing.mass,
+        thing.pad_friction or conditions.pad_friction,
+        float(cell_parameters(bench.description).control.stiffness_teleoperation[1]),
+    )
 
 
 def recording_stages(
-    bench: Bench, references: Iterable[Reference], conditions: Conditions, seed: int
+    bench: Bench, references: Iterable[Reference], conditions: Callable[[Reference], Conditions], seed: int
 ) -> Generator[Stage, dict[str, str], dict[str, str]]:
-    """Record the references that are missing; seed: the plan's. Returns why, of those that cannot be recorded."""
+    """Record the references that are missing. conditions: those of each; seed: the plan's. Returns why, of those that
+    cannot be recorded.
+    """
     there = bench.archive.names(RECORDINGS)
     missing = [reference for reference in references if reference.file not in there]
     tasks = [
-        Task(f"reference-{one.name}", record, (bench, one, conditions, seed_of(seed, "reference", one.name)))
+        Task(f"reference-{one.name}", record, (bench, one, conditions(one), seed_of(seed, "reference", one.name)))
         for one in missing
     ]
     failed = yield Stage("references", tasks)

@@ -1,40 +1,130 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from hal.base.configuration import toml_text
 from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import IDEAL, with_profile
+from rtstack.cells.simulated import served_cell
+from rtstack.cells.simulator import Simulator
+from rtstack.experiments.experiment import DIRECT
+from rtstack.model.cell_description import CellDescription
 from rtstack.papers.conditions import Conditions
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.record import RunLog
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from sim_robot.cell import SimulatedCell
 from sim_robot.faults.file import faults_in, tilt_of
 from sim_robot.lab_objects import with_lab_objects
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.profile import load_profile
-from sim_robot.scene import PlacementScatter, Scene, load_scene
+from sim_robot.scene import NO_OBJECT, PlacementScatter, Scene, load_scene
 
 SMALLEST_FACTOR = 0.2  # of friction, however large the scatter
 FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robot)
 
 
-def open_conditioned_cell(
+@dataclass(frozen=True, slots=True)
+class BuiltCell:
+    """A simulated cell as a campaign builds it for one run.
+
+    object_name: NO_OBJECT for none. seed: of placement and noise, and of the arms where arms_seed is None. profile: its
+    name. script: what goes wrong, tables as in a faults file (sim_robot/faults/kinds.py).
+    """
+
+    scene: Scene
+    parameters: PlantParameters
+    object_name: str
+    seed: int
+    displacement: Displacement | float = 0.0
+    arms_seed: int | None = None
+    profile: str = IDEAL
+    script: Sequence[dict[str, Any]] = ()
+
+    def open(self, kind: str, description: CellDescription) -> Cell:
+        """Open it. kind: direct, the plant in this process; lockstep, a simulated robot of its own behind the wire.
+
+        Rows are the same. description: of the cell as its user knows it. Raises HardwareError.
+        """
+        name = with_profile(kind, self.profile)
+        return self._direct(name) if kind == DIRECT else self._served(name, description)
+
+    def _direct(self, name: str) -> Cell:
+        faults = faults_in({"fault": list(self.script)}, "the campaign's script")
+        empty = self.object_name == NO_OBJECT
+        plant = Plant(
+            self.scene, self.parameters, next(iter(self.scene.objects)) if empty else self.object_name,
+            self.displacement, self.seed, self.arms_seed, tilt_of(faults), load_profile(self.profile),
+        )  # fmt: skip
+        return SimulatedCell(plant, self.scene, self.parameters, self.seed, faults=faults, empty=empty).as_cell(name)
+
+    def _served(self, name: str, description: CellDescription) -> Cell:
+        with TemporaryDirectory() as folder:
+            scene, parameters, faults = (Path(folder) / f"{each}.toml" for each in ("scene", "parameters", "faults"))
+            scene.write_text(toml_text(asdict(self.scene)), encoding="utf-8")
+            parameters.write_text(toml_text(asdict(self.parameters)), encoding="utf-8")
+            faults.write_text("".join(f"[[fault]]\n{toml_text(each)}" for each in self.script), encoding="utf-8")
+            more = ["--scene", str(scene), "--parameters", str(parameters)]
+            more += [] if self.arms_seed is None else ["--arms-seed", str(self.arms_seed)]
+            simulator = Simulator(
+                self.object_name, self.displacement, self.seed, lockstep=True, more=more, profile=self.profile,
+                faults=faults if self.script else None, sides=self.scene.sides,
+            )  # fmt: skip
+        return served_cell(name, simulator, description, lockstep=True)
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerHost:
+    """A campaign's worker as the host of a run (rtstack.trials.carry_out): a cell of its own, and no person.
+
+    kind: see BuiltCell. kept: the log; None: nothing is written.
+    """
+
+    built: BuiltCell
+    kind: str
+    kept: RunLog | None = None
+
+    @contextmanager
+    def cell(self, run: PreparedRun) -> Iterator[Cell]:
+        """See Host."""
+        cell = self.built.open(self.kind, run.description)
+        try:
+            yield cell
+        finally:
+            cell.close()
+
+    def warn(self, text: str) -> None:
+        """See Host: the worker shows nothing."""
+
+    @contextmanager
+    def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
+        """See Host."""
+        yield NO_CONTEXT
+
+    def log(self, run: PreparedRun, cell: Cell) -> RunLog | None:
+        """See Host."""
+        return self.kept
+
+
+def conditioned_cell(
     object_name: str, displacement: Displacement | float, seed: int, conditions: Conditions,
     script: Sequence[dict[str, Any]] = (), wider_mm: float = 0.0, *, cell_file: Path | None = None,
-) -> Cell:  # fmt: skip
-    """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError.
+) -> BuiltCell:  # fmt: skip
+    """Return the cell of a trial under these conditions, with the object in its place.
 
-    script: what goes wrong, tables as in a faults file (sim_robot/faults/kinds.py). wider_mm: the object along y.
-    cell_file: a lab's own, for the objects that it adds.
+    script: see BuiltCell. wider_mm: the object along y. cell_file: a lab's own, for the objects that it adds.
     """
-    faults = faults_in({"fault": list(script)}, "the campaign's script")
     nominal, parameters = simulated_files(cell_file)
     scene = conditioned(nominal, conditions, seed)
     if wider_mm:
@@ -42,11 +132,10 @@ def open_conditioned_cell(
         x, y, z = thing.size
         scene = replace(scene, objects={object_name: replace(thing, size=(x, y + 1e-3 * wider_mm, z))})
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
-    parameters = replace(parameters, sensors=sensors)
-    profile = load_profile(conditions.profile)
-    plant = Plant(scene, parameters, object_name, displacement, seed, tilt_deg=tilt_of(faults), profile=profile)
-    name = with_profile("direct", conditions.profile)
-    return SimulatedCell(plant, scene, parameters, seed, faults=faults).as_cell(name)
+    return BuiltCell(
+        scene, replace(parameters, sensors=sensors), object_name, seed, displacement,
+        profile=conditions.profile, script=script,
+    )  # fmt: skip
 
 
 def plant_files(conditions: Iterable[Conditions] = ()) -> list[Path]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map import ImpactMap, Status
 from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.planning.impact_loads import impact_loads
@@ -19,7 +19,6 @@ from rtstack.safety.body import arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
 from rtstack.safety.limits import HARDWARE, SafetyLimits, hardware_limits
 from rtstack.safety.records import StopProfile, empty_memory, rules
-from rtstack.samples import SIDES
 
 GRAVITY = 9.81
 
@@ -110,7 +109,7 @@ def check_travel(planned: PlannedMotion, description: CellDescription) -> None:
 
 def check_motion(planned: PlannedMotion, description: CellDescription) -> None:
     """Refuse joints beyond their limits, and pads or links too near to the table or to the other arm."""
-    for arm, side in enumerate(SIDES):
+    for arm, side in enumerate(description.sides):
         limits = hardware_limits(description.robots[arm]).tightened(description.safety)
         _check_joints(planned, arm, side, limits)
         _check_pad(planned, arm, side, limits)
@@ -123,7 +122,7 @@ def check_loads(planned: PlannedMotion, description: CellDescription) -> None:
     thing = description.objects[planned.recording.object]
     give = planned.request.give or thing.give or STIFFEST
     for side, loads in impact_loads(planned, give, thing.mass).items():
-        arm = SIDES.index(side)
+        arm = planned.sides.index(side)
         limits = hardware_limits(description.robots[arm]).tightened(description.safety)
         q = planned.joints[arm].q[planned.recording.impact]
         lower, upper = limits.dq_lower(q), limits.dq_upper(q)
@@ -192,7 +191,7 @@ def _check_distances(planned: PlannedMotion, description: CellDescription) -> No
 
 @dataclass(frozen=True, slots=True)
 class NearMiss:
-    """Something comes too near at a tick: this side's arm to the table, the arms to each other where side is empty."""
+    """Something comes too near at a tick: this side's arm to the table, two arms to each other where side is empty."""
 
     tick: int
     side: str
@@ -201,18 +200,19 @@ class NearMiss:
 def near_misses(description: CellDescription, q: Sequence[Array], points: NDArray) -> Iterator[NearMiss]:
     """Look at the judge's capsules and at the pads' boxes every LOOK_TICKS of a path.
 
-    q: (n, 7) rad of either arm; points (2, n): position and rotation of the pads at the same ticks.
+    q: (n, 7) rad of each arm; points (arms, n): position and rotation of the pads at the same ticks. An arm alone is
+    compared with the table only.
     """
     table = description.table
     half = np.array(table.size_xy) / 2
     low, high = np.array(table.centre_xy) - half, np.array(table.centre_xy) + half
-    mountings = (description.left, description.right)
+    mountings = description.arms
     bodies = [arm_body(mounting.base, tool) for mounting, tool in zip(mountings, description.tools, strict=True)]
-    rule = [rules(HARDWARE, StopProfile(), bodies[arm], bodies[1 - arm]) for arm in range(2)]
-    memory = empty_memory(2)
+    rule = [rules(HARDWARE, StopProfile(), own, other) for own, other in zip(bodies, reversed(bodies), strict=True)]
+    memory = empty_memory(len(bodies))
     reaches, still = [np.array(pad.size) / 2 for pad in description.pads], np.zeros(7)
     for tick in range(0, points.shape[1], LOOK_TICKS):
-        for arm, side in enumerate(SIDES):
+        for arm, side in enumerate(description.sides):
             point, reach = points[arm, tick], reaches[arm]
             place_arm(q[arm][tick], still, rule[arm][0], memory[arm])
             lowest = point["position"][2] - point["rotation"][2, 2] * reach[2] - np.abs(point["rotation"][2]) @ reach
@@ -223,5 +223,5 @@ def near_misses(description: CellDescription, q: Sequence[Array], points: NDArra
             links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][links_only, None], np.inf)
             if min(float(lowest), float(links.min())) < table.top_z + CLEARANCE_M:
                 yield NearMiss(tick, side)
-        if arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:
+        if len(bodies) == 2 and arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:
             yield NearMiss(tick, "")

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.files import replacing
+from hal.base.files import replacing
 from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
-from rtstack.log.frames import quaternions_of
-from rtstack.log.job import Attachment, texts
-from rtstack.log.mcap_writer import McapWriter
-from rtstack.log.scenery import Scenery
+from rtstack.log.viewers.frames import quaternions_of
+from rtstack.log.viewers.scenery import Scenery
+from rtstack.log.writing.job import Attachment, texts
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.planned import MONITOR, PLAN
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
-from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC
+from rtstack.topics import ARM_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC
 from rtstack.trials.provenance import git_commit, package_versions
 from rtstack.trials.record import cell_attachments, frames
 
@@ -36,8 +36,9 @@ def write_plan(
         "git_commit": git_commit(),
     }  # fmt: skip
     batches = _records(planned)
+    none = np.zeros(0, ARM_SAMPLE)
     scenery = Scenery(frames(description, planned.recording.object))
-    arms = {side: batches[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
+    arms = {side: batches.get(topic, none) for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
     attachments = cell_attachments(cell_file, description)
     if tuning is not None:
         attachments.append(Attachment(MONITOR, "application/toml", tuning.encode()))
@@ -56,7 +57,7 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
     n = recording.points.shape[1]
     t_ns = np.arange(n) * round(recording.period_s * 1e9)
     batches: dict[str, NDArray] = {}
-    for arm in range(2):
+    for arm, side in enumerate(planned.sides):
         points, motion = recording.points[arm], planned.joints[arm]
         sample, control = np.zeros(n, ARM_SAMPLE), np.zeros(n, CONTROL_SAMPLE)
         sample["t_ns"] = control["t_ns"] = t_ns
@@ -68,7 +69,7 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
         control["pose_ref"][:, 3:] = quaternions_of(points["rotation"])
         control["twist_ref"], control["beta"] = points["twist"], points["beta"]
         control["wrench_ff"] = control["wrench_desired"] = points["wrench_ff"]
-        batches[ARM_TOPICS[arm]], batches[CONTROL_TOPICS[arm]] = sample, control
+        batches[f"/{side}/arm"], batches[f"/{side}/control"] = sample, control
     timing, pose, event = np.zeros(n, TIMING_SAMPLE), np.zeros(n, OBJECT_POSE), np.zeros(2, EVENT)
     timing["t_ns"] = pose["t_ns"] = t_ns
     pose["position"], pose["orientation_wxyz"], pose["seen"] = planned.object_position, (1.0, 0.0, 0.0, 0.0), 1

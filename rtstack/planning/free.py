@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
 from rtstack.loop.session import SessionPlan
@@ -21,7 +21,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.planning.joints import JointMotion, feedforward, joint_motion
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.quintic import ViaPoint, quintic_motion, quintic_path
-from rtstack.samples import SIDES, Mode
+from rtstack.samples import Mode
 
 STOP_S = 0.4
 STEADY_S = 0.05  # at the velocity after the impact before it: a run-up's jerk is over by then
@@ -55,15 +55,14 @@ def free_motion(
     n, k = recording.points.shape[1], recording.impact
     begin, end = (0, k) if part is PlanPhase.ANTE else (k, min(k + round(after_s / recording.period_s), n))
     targets = []
-    for arm in range(2):
+    for arm, (side, mounting) in enumerate(description.mountings.items()):
         points, period_s = recording.points[arm], recording.period_s
-        mounting = (description.left, description.right)[arm]
         model, joint = ArmModel(mounting, description.pad), control.posture_joint
         jumps = np.abs(_velocity(points[k]) - _velocity(points[k - 1])).max() > JUMP_M_S
         head, head_acceleration = _run_up(points, k, period_s) if begin and jumps else (points[:begin], None)
         tail, tail_acceleration = _stop(points[end - 1], points["rotation"][0], period_s)
         pieces = tuple(piece for piece in (head, points[begin:end], tail) if len(piece))
-        moved = joint_motion(model, np.array(mounting.home), pieces, period_s, joint, SIDES[arm])
+        moved = joint_motion(model, np.array(mounting.home), pieces, period_s, joint, side)
         acceleration = np.concatenate(
             [planned.acceleration[arm, :begin] if head_acceleration is None else head_acceleration,
              planned.acceleration[arm, begin:end], tail_acceleration]
@@ -71,12 +70,12 @@ def free_motion(
         whole = np.concatenate(pieces)
         whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration, np.zeros((len(whole), 7)), joint)
         targets.append(whole)
-    both = np.array(targets)
-    return FreeMotion(SessionPlan(both, both, Mode.TELEOPERATION, control.stiffness, recording.period_s), begin, end)
+    whole = np.array(targets)
+    return FreeMotion(SessionPlan(whole, whole, Mode.TELEOPERATION, control.stiffness, recording.period_s), begin, end)
 
 
 def compensated(planned: PlannedMotion, acceleration: Array) -> PlannedMotion:
-    """Return the plan with an acceleration (2, n, 7) more in its feedforward: of the pad's six coordinates along the
+    """Return the plan with an acceleration (arms, n, 7) more in its feedforward: of the pad's six coordinates along the
     world's axes, m/s^2 and rad/s^2, and of the posture's joint, rad/s^2."""
     points = planned.recording.points.copy()
     for arm, motion in enumerate(planned.joints):

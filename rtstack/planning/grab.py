@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hal.arrays import Array
-from rtstack.impact_map import SceneError
+from hal.base.arrays import Array
+from rtstack.impact_map import MapKind, SceneError
 from rtstack.impact_map.grab import grab_impact, joint_state_near
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
@@ -53,6 +53,11 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
 
 def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) -> PlannedMotion:
     """Return a grab that is not checked. Raises PlanError with one line where there is no such motion."""
+    if len(description.arms) < 2:
+        raise PlanError(
+            f"a grab takes two arms, and the cell {description.name} has the {description.sides[0]} one alone: plan a "
+            "hit-and-push (--motion hit-and-push), or give a cell's file of two"
+        )
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
     description = description.about(object_name)
@@ -60,7 +65,7 @@ def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) 
     period_s, top = control.period_s, description.table.top_z
     place = np.array([0.0, 0.0, top + thing.size[2] / 2])
     approaches, rotations, inward = [], np.empty((2, 3, 3)), np.empty(2)
-    for arm, mounting in enumerate((description.left, description.right)):
+    for arm, mounting in enumerate(description.arms):
         start, rotation = end_effector_pose(ArmModel(mounting, description.pad), np.array(mounting.home))
         inward[arm] = -np.sign(start[1])
         turning = turn_to_object(rotation, float(inward[arm]))
@@ -76,7 +81,9 @@ def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) 
     )
     friction = description.contact_friction
     try:
-        impact = grab_impact(description, object_name, meeting, friction.pad, friction.table, plan.inertia)
+        impact = grab_impact(
+            description, object_name, meeting, friction.pad, friction.table, plan.inertia, kind=plan.map
+        )
     except SceneError as error:
         raise PlanError(f"{error}; plan another height or posture") from None
     slowing = plan.compensate * _slowing(description, meeting, thing.mass)
@@ -106,7 +113,7 @@ def _slowing(description: CellDescription, meeting: NDArray, mass: float) -> flo
     meeting (2,): points of POINT in which the pads meet it. m g / (m + Lambda_zz of both arms), with (27).
     """
     carried = mass
-    for mounting, point in zip((description.left, description.right), meeting, strict=True):
+    for mounting, point in zip(description.arms, meeting, strict=True):
         model = ArmModel(mounting, description.pad)
         _, _, J = joint_state_near(model, np.array(mounting.home), point)
         carried += np.linalg.inv(J[:6] @ np.linalg.solve(arm_inertia(model), J[:6].T))[2, 2]
@@ -168,5 +175,5 @@ def _post_path(
         # pads and object pitch together, as the map says; a reference that did not would take that momentum from the
         # lift. They are level again when it ends
         turn=[ViaPoint(touch, 0.0, 1.0), ViaPoint(up, 0.0)],
-        turning=velocity[3:],
+        turning=velocity[3:] * (plan.map is MapKind.CONVERGED),
     )

@@ -9,20 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.robots import FR3
 from rtstack.control.parameters import InertiaParameters
 from rtstack.impact_map.problem import JOINTS, Problem
-from rtstack.impact_map.reflected import joint_inertia
+from rtstack.impact_map.scene import joint_inertia
 from rtstack.planning.planned import PlannedMotion
-from rtstack.samples import SIDES
 
 GRAVITY = 9.81
 
 IMPACT_S = 0.04  # the largest torques of the wrist come within 5 ms, those of the base within 20 ms
 STEP_S = 5e-5  # a fifth of what the wrist's link on its joint's spring would stand
 # No joint stiffness or damping of an FR3 is published. These, the damping of a contact and the two of the table and of
-# friction are ours, chosen on 60 random plans (tests/programs/random_plans.py says of which seeds). Measured over
+# friction are ours, chosen on 60 random plans (tests/studies/random_plans.py says of which seeds). Measured over
 # predicted peaks there: the residual of joint 1 0.97 +- 0.04, the torque of joint 6 0.90 +- 0.14
 JOINT_STIFFNESS = 1e4  # Nm/rad
 JOINT_DAMPING = 8.0  # Nms/rad
@@ -46,7 +45,7 @@ class ImpactLoads:
 def impact_loads(planned: PlannedMotion, give: float, mass: float) -> dict[str, ImpactLoads]:
     """Return the loads of each arm that takes part in the impact. give: m/N, of one pad on the object; mass: kg."""
     problem = planned.map.problem
-    arms = [side for side in SIDES if side in problem.names]
+    arms = [side for side in planned.sides if side in problem.names]
     where = [problem.slices[problem.names.index(side)] for side in arms]
     joints = np.concatenate([np.arange(its.start, its.stop) for its in where])
     robots = [problem.bodies[problem.names.index(side)].robot or FR3 for side in arms]
@@ -56,7 +55,7 @@ def impact_loads(planned: PlannedMotion, give: float, mass: float) -> dict[str, 
     inertia = np.concatenate([robot.B_theta for robot in robots])
     first = planned.recording.impact - 1
     ticks = slice(first, first + 1 + round(IMPACT_S * 1e3))
-    torque = np.hstack([planned.torque(SIDES.index(side), ticks) for side in arms])
+    torque = np.hstack([planned.torque(planned.sides.index(side), ticks) for side in arms])
     stiffness, damping, pressed = _contacts(problem, give, mass)
     weight = np.zeros(len(problem.velocity))
     weight[problem.slices[problem.names.index("object")].start + 2] = -GRAVITY * mass

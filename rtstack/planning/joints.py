@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, interp1d
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map import SceneError
 from rtstack.impact_map.grab import joint_state_near
 from rtstack.impact_map.problem import JOINTS

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.records import POINT
 from rtstack.planning.request import PlanError
 from rtstack.references.quintic import ViaPoint, quintic_motion, quintic_path

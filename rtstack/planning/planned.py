@@ -1,12 +1,12 @@
 """A planned motion: the recording that no demonstration has made, and what was computed on the way."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.impact_map import Impact, ImpactMap
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
@@ -20,7 +20,7 @@ from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import cell_parameters
 
-# times (n,) s and accelerations of both arms (2, n, 3) -> forces of the pads on the object, N (2, n, 3)
+# times (n,) s and accelerations of the arms (arms, n, 3) -> forces of the pads on the object, N (arms, n, 3)
 Forces = Callable[[Array, Array], Array]
 
 
@@ -37,20 +37,22 @@ class Timing:
 class PlannedMotion:
     """A plan that may be run.
 
-    recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of the left and the
-    right arm at the same ticks; acceleration (2, n, 7): of the pads along x, y and z m/s^2, about them and of the
-    posture's joint rad/s^2; force (2, n, 3) N: what the pads are to exert; map: of the impact; velocities (2, 3) m/s of
-    the pads after it, scaled; object_pose (n, 3) m: where the object's centre is meant to be.
+    recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of
+    each arm at the same ticks; acceleration (arms, n, 7): of the pads along x, y and z m/s^2, about them and of the
+    posture's joint rad/s^2; force (arms, n, 3) N: what the pads are to exert; map: of the impact; velocities (arms, 3)
+    m/s of the pads after it, scaled; object_pose (n, 3) m: where the object's centre is meant to be.
+    sides: of the arms.
     """
 
     request: GrabPlan | PushPlan
     recording: Recording
-    joints: tuple[JointMotion, JointMotion]
+    joints: tuple[JointMotion, ...]
     acceleration: Array
     force: Array
     map: ImpactMap
     velocities: Array
     object_position: Array
+    sides: tuple[str, ...] = SIDES
 
     @property
     def reference(self) -> ExtendedReference:
@@ -58,7 +60,7 @@ class PlannedMotion:
         return planned_reference(self.recording)
 
     def torque(self, arm: int, ticks: slice = slice(None)) -> Array:
-        """Return what the joints of an arm (0: left) are to exert at these ticks, (n, 7) Nm, force on the object
+        """Return what the joints of an arm, by its number, are to exert at these ticks, (n, 7) Nm, force on the object
         included."""
         motion = self.joints[arm]
         moving = np.einsum("nij,nj->ni", motion.M[ticks], motion.ddq[ticks]) + motion.bias[ticks]
@@ -66,7 +68,7 @@ class PlannedMotion:
 
     def as_dict(self) -> dict[str, Any]:
         """Return parameters and predictions as JSON-ready values."""
-        arms = [name for name in self.map.problem.names if name in SIDES]
+        arms = [name for name in self.map.problem.names if name in self.sides]
         return {
             "motion": str(self.recording.motion),
             "object": self.recording.object,
@@ -79,7 +81,7 @@ class PlannedMotion:
             "velocity_after_single_step": {
                 side: self.map.twist(side, self.map.single_step)[:3].tolist() for side in arms
             },
-            "velocity_planned": {side: self.velocities[SIDES.index(side)].tolist() for side in arms},
+            "velocity_planned": {side: self.velocities[self.sides.index(side)].tolist() for side in arms},
             "converged": _impact_dict(self.map, self.map.converged),
             "single_step": _impact_dict(self.map, self.map.single_step),
         }
@@ -87,12 +89,12 @@ class PlannedMotion:
 
 def assemble(
     description: CellDescription, request: GrabPlan | PushPlan, object_name: str, impact: ImpactMap, *,
-    ante: tuple[ArmPath, ArmPath], post: tuple[ArmPath, ArmPath], timing: Timing, forces: Forces, rotations: Array,
+    ante: Sequence[ArmPath], post: Sequence[ArmPath], timing: Timing, forces: Forces, rotations: Array,
     object_start: Array,
 ) -> PlannedMotion:  # fmt: skip
     """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow.
 
-    rotations (2, 3, 3): of the pads that the paths turn from; object_start (3,): where the object stands, m.
+    rotations (arms, 3, 3): of the pads that the paths turn from; object_start (3,): where the object stands, m.
     """
     control = cell_parameters(description).control
     period_s, posture_joint = control.period_s, control.posture_joint
@@ -100,19 +102,19 @@ def assemble(
     k = round(timing.touch_s / period_s)
     t_s = np.arange(round(timing.end_s / period_s)) * period_s
     pieces, accelerations = [], []
-    for arm in range(2):
+    for arm in range(len(description.arms)):
         before, a = points_along(ante[arm], rotations[arm], t_s[:k], period_s)
         after, b = points_along(post[arm], rotations[arm], t_s[k:], period_s)
         pieces.append((before, after))
         accelerations.append(np.concatenate([a, b]))
     acceleration = np.array(accelerations)
-    force = np.zeros((2, len(t_s), 3))
+    force = np.zeros((len(pieces), len(t_s), 3))
     force[:, k:] = forces(t_s[k:], acceleration[:, k:, :3])
-    load = np.zeros((2, 6))
+    load = np.zeros((len(pieces), 6))
     points, joints = [], []
-    for arm, mounting in enumerate((description.left, description.right)):
+    for arm, (side, mounting) in enumerate(description.mountings.items()):
         model = ArmModel(mounting, description.pad)
-        moved = joint_motion(model, np.array(mounting.home), pieces[arm], period_s, posture_joint, SIDES[arm])
+        moved = joint_motion(model, np.array(mounting.home), pieces[arm], period_s, posture_joint, side)
         joints.append(moved)
         whole = np.concatenate(pieces[arm])
         torque = np.einsum("nij,ni->nj", moved.J[:, :3], force[arm])
@@ -124,18 +126,20 @@ def assemble(
         torque[k:] += repaid(lacking, len(t_s) - k, period_s)
         whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration[arm], torque, posture_joint)
         points.append(whole)
-    both = np.array(points)
-    felt = np.zeros(both.shape, MEASURED)
+    whole = np.array(points)
+    felt = np.zeros(whole.shape, MEASURED)
     felt["q"], felt["dq"], felt["force"] = [j.q for j in joints], [j.dq for j in joints], -force
     release = round(timing.release_s / period_s)
-    recording = Recording(both, period_s, k, release, object_name, motion, load, measured=felt)
-    carriers = [arm for arm, side in enumerate(SIDES) if side in impact.problem.names]
-    held = both["position"][carriers].mean(axis=0)
+    recording = Recording(whole, period_s, k, release, object_name, motion, load, measured=felt)
+    carriers = [arm for arm, side in enumerate(description.sides) if side in impact.problem.names]
+    held = whole["position"][carriers].mean(axis=0)
     where = object_start + held - held[k]
     where[:k] = object_start
     where[recording.release :] = where[recording.release]
-    velocities = both["twist"][:, k, :3]
-    return PlannedMotion(request, recording, (joints[0], joints[1]), acceleration, force, impact, velocities, where)
+    velocities = whole["twist"][:, k, :3]
+    return PlannedMotion(
+        request, recording, tuple(joints), acceleration, force, impact, velocities, where, description.sides
+    )
 
 
 def _impact_dict(result: ImpactMap, impact: Impact) -> dict[str, Any]:

@@ -1,12 +1,15 @@
-"""A single-arm hit-and-push, planned: the left arm hits the object and pushes it over the table, away from itself."""
+"""A single-arm hit-and-push, planned: an arm hits the object and pushes it over the table, away from itself.
+
+Of two arms the left one pushes, and the right one goes up, out of the way.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hal.arrays import Array, seven
-from rtstack.impact_map import Arm, Box, Contact, ImpactMap, Plane, Scene, SceneError, impact_map
-from rtstack.impact_map.grab import joint_state
+from hal.base.arrays import Array
+from rtstack.impact_map import ImpactMap, SceneError, impact_map
+from rtstack.impact_map.grab import grab_scene, joint_state
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.fastest import feasible
@@ -56,14 +59,14 @@ def push_motion(description: CellDescription, object_name: str, plan: PushPlan) 
     period_s, top, joint = control.period_s, description.table.top_z, control.posture_joint
     place = np.array([0.0, 0.0, top + thing.size[2] / 2])
     poses = [
-        end_effector_pose(ArmModel(mounting, description.pad), np.array(mounting.home))
-        for mounting in (description.left, description.right)
+        end_effector_pose(ArmModel(mounting, description.pad), np.array(mounting.home)) for mounting in description.arms
     ]
+    side, mounting = description.sides[0], description.arms[0]
     start, rotation = poses[0]
     inward = -float(np.sign(start[1]))
     turning = turn_to_object(rotation, inward)
     rotation = Rotation.from_rotvec(turning).as_matrix() @ rotation
-    xi = description.left.home[joint]
+    xi = mounting.home[joint]
     contact = place + (0.0, -inward * thing.size[1] / 2, plan.height)
     velocity = np.array([0.0, inward * plan.speed, 0.0])
     approach = Approach(start, contact, velocity, xi, xi - inward * plan.posture, turning)
@@ -71,16 +74,19 @@ def push_motion(description: CellDescription, object_name: str, plan: PushPlan) 
     ante = approach.path(touch, plan.steady_s)
     meeting = points_along(ante, rotation, np.array([touch]), period_s)[0][0]
     impact = _push_impact(description, object_name, meeting, plan)
-    velocity = plan.post_impact_scale * impact.twist("left")[:3]
-    dxi = plan.post_impact_scale * float(impact.velocity("left")[joint])
+    velocity = plan.post_impact_scale * impact.twist(side, impact.of(plan.map))[:3]
+    dxi = plan.post_impact_scale * float(impact.velocity(side, impact.of(plan.map))[joint])
     table = description.contact_friction.table
     gives = plan.give * table * thing.mass * GRAVITY
     post, release = _post_path(plan, approach, velocity, dxi, inward, touch, gives)
     timing = Timing(touch, release, release + plan.release_s + plan.rest_s)
-    aside = _aside(poses[1][0], description.right.home[joint], plan.way_up)
+    aside = [
+        _aside(place, other.home[joint], plan.way_up)
+        for (place, _), other in zip(poses[1:], description.arms[1:], strict=True)
+    ]
 
     def forces(t_s: Array, acceleration: Array) -> Array:
-        force = np.zeros((2, len(t_s), 3))
+        force = np.zeros((len(poses), len(t_s), 3))
         pushing = (t_s < timing.release_s) * float(plan.compensate)
         slides = points_along(post, rotation, t_s, period_s)[0]["twist"][:, :2]
         # the table holds the object back against its velocity, which the impact has turned aside
@@ -90,37 +96,26 @@ def push_motion(description: CellDescription, object_name: str, plan: PushPlan) 
         return force
 
     return assemble(
-        description, plan, object_name, impact, ante=(ante, aside), post=(post, aside), timing=timing, forces=forces,
-        rotations=np.array([rotation, poses[1][1]]), object_start=place,
+        description, plan, object_name, impact, ante=(ante, *aside), post=(post, *aside), timing=timing, forces=forces,
+        rotations=np.array([rotation, *(other for _, other in poses[1:])]), object_start=place,
     )  # fmt: skip
 
 
 def _push_impact(description: CellDescription, object_name: str, meeting: NDArray, plan: PushPlan) -> ImpactMap:
-    """Return the map of the left arm at the object on the table; the right arm touches nothing."""
-    thing, top, mounting = description.objects[object_name], description.table.top_z, description.left
+    """Return the map of the first arm at the object on the table; the other one, if any, touches nothing."""
+    side, mounting, friction = description.sides[0], description.arms[0], description.contact_friction
     try:
-        q, dq = (seven(values) for values in joint_state(mounting, description.pad, meeting))
-        return impact_map(
-            Scene(
-                arms={"left": Arm(mounting.base_position, q, mounting.base_orientation_wxyz, dq=dq, pad=mounting.pad)},
-                objects={"object": Box(thing.mass, thing.size, (0.0, 0.0, top + thing.size[2] / 2))},
-                supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
-                contacts=(
-                    Contact(("left", "object"), description.contact_friction.pad),
-                    Contact(("object", "table"), description.contact_friction.table),
-                ),
-                pad=description.pad,
-                reflected=plan.inertia,
-            )
-        )
+        q, dq = joint_state(mounting, description.pad, meeting)
+        scene = grab_scene(description, object_name, q[None], dq[None], friction.pad, friction.table, plan.inertia)
+        return impact_map(scene)
     except SceneError as error:
-        raise PlanError(f"left arm: {error}; plan another height or posture") from None
+        raise PlanError(f"{side} arm: {error}; plan another height or posture") from None
 
 
 def _post_path(
     plan: PushPlan, approach: Approach, velocity: Array, dxi: float, inward: float, touch: float, gives: float
 ) -> tuple[ArmPath, float]:
-    """Return the left arm's path from the nominal impact on, and when it lets go of the object, s.
+    """Return the pushing arm's path from the nominal impact on, and when it lets go of the object, s.
 
     gives: how far the pad goes into its silicone to push the object over the table, m.
     """

@@ -5,8 +5,8 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError
-from rtstack.impact_map import ReflectedInertia
+from hal.base.configuration import STRICT, ConfigurationError
+from rtstack.impact_map import MapKind, ReflectedInertia
 
 Time = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)]
 Length = Annotated[float, Field(ge=-0.5, le=0.5, allow_inf_nan=False)]
@@ -44,7 +44,8 @@ class GrabPlan:
     most. 0: they go on at constant velocity for steady_s, and the weight is fed forward at once; give: how far a pad
     goes in under a force, m/N, by its silicone and the object's wall, as a static squeeze shows. post_impact_scale:
     what the velocities after the impact are multiplied with (the validation campaign plans 0.8 to 1.2); inertia: of the
-    motors, as the map counts it.
+    motors, as the map counts it; map: which of both maps gives the velocities after the impact. With single_step the
+    pads keep their orientation, as in the impact-map paper (IV-A): a single step turns pads and object apart.
     compensate: whether weight, friction and inertia of the object are in the feedforward after the impact, (26)-(27).
     """
 
@@ -59,6 +60,7 @@ class GrabPlan:
     carry: Length = 0.05
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
+    map: MapKind = MapKind.CONVERGED
     compensate: bool = True
     rest_s: Time = 0.3
     steady_s: Time = 0.05  # at constant velocity before the impact, and after it where no momentum lifts
@@ -83,6 +85,7 @@ class PushPlan:
     give: Give = 0.0
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
+    map: MapKind = MapKind.CONVERGED
     compensate: bool = True
     rest_s: Time = 0.8
     steady_s: Time = 0.05

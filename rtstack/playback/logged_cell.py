@@ -1,11 +1,11 @@
 """A log as a cell: arms that show the logged states, whatever torque answers them, and the tracker's logged poses."""
 
+from collections.abc import Sequence
 from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arm import Arm
 from hal.cell import Cell
 from hal.errors import ConnectionLost
 from hal.state import ARM_STATE, ArmState
@@ -14,7 +14,7 @@ from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.history import Columns
 from rtstack.model.rotation import rotation_from_quaternion
-from rtstack.samples import Mode
+from rtstack.samples import SIDES, Mode
 
 
 class LoggedArm:
@@ -62,38 +62,29 @@ class LoggedTracker:
         return self._pose
 
 
-class Turns:
-    """Counts how often its tick is asked for, which LoggedStop does once a tick: in the place of a logged arm."""
-
-    def __init__(self) -> None:
-        self._ticks = count()
-
-    @property
-    def tick(self) -> int:
-        """The number of this tick."""
-        return next(self._ticks)
-
-
 class LoggedStop:
-    """The stop that came from outside of the tick, in the tick in which the log has it."""
+    """The stop that came from outside of the tick, in the tick in which the log has it. Asked once a tick."""
 
-    def __init__(self, columns: Columns, arm: LoggedArm | Turns) -> None:
+    def __init__(self, columns: Columns) -> None:
         stopping = np.flatnonzero(columns.control[0]["mode"] == Mode.STOPPING)
-        self._arm, self._from = arm, int(stopping[0]) if len(stopping) else len(columns.timing)
+        self._ticks, self._from = count(), int(stopping[0]) if len(stopping) else len(columns.timing)
 
     @property
     def stop_requested(self) -> bool:
         """See rtstack.loop.session.StopSignal."""
-        return self._arm.tick >= self._from
+        return next(self._ticks) >= self._from
 
 
-class LoggedGuide:
-    """The setpoints of a run that was led by hand, as the log has them; see rtstack.loop.session.Guide."""
+class LoggedSource:
+    """The setpoints of a run that was led by hand, as the log has them; see rtstack.loop.session.PointSource."""
 
     def __init__(self, columns: Columns) -> None:
-        self.points = np.zeros((2, 1), POINT)
+        self.points = np.zeros((len(columns.control), 1), POINT)
         self._control = columns.control
-        self._ticks = count(), count()
+        self._ticks = tuple(count() for _ in columns.control)
+
+    def listen(self) -> None:
+        """See rtstack.loop.session.PointSource: nothing comes beside the log."""
 
     def step(self, side: int, arm: ObservedArm) -> None:
         """Write the logged point of the next tick of an arm."""
@@ -105,9 +96,8 @@ class LoggedGuide:
             point["xi"] = arm.sample["q"][0, arm.parameters.posture_joint]
 
 
-def logged_cell(name: str, columns: Columns) -> tuple[Cell, LoggedArm]:
-    """Return the cell of a log's columns, and its left arm."""
-    left, right = (LoggedArm(samples) for samples in columns.arm)
-    tracker = LoggedTracker(columns.object, left, columns.arm[0]["t_ns"])
-    arms: tuple[Arm, Arm] = left, right
-    return Cell(name, *arms, tracker), left
+def logged_cell(name: str, columns: Columns, sides: Sequence[str] = SIDES) -> Cell:
+    """Return the cell of a log's columns, of the arms of these sides."""
+    arms = {side: LoggedArm(samples) for side, samples in zip(sides, columns.arm, strict=True)}
+    tracker = LoggedTracker(columns.object, arms[sides[0]], columns.arm[0]["t_ns"])
+    return Cell(name, arms.get("left"), arms.get("right"), tracker)

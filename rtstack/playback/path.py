@@ -1,18 +1,160 @@
 """The path of both pads in a log, as points that any time scaling turns into references. In part compiled.
 
 With the chain rule, for the place s(t) in the log: velocity = s' along, acceleration = s'^2 bend + s'' along.
+
+The motion in a log: where both arms' joints were, as smooth functions of the log's time.
+
+What was measured has noise, and jumps in velocity where something was hit. A least-squares spline of the fifth degree
+has neither, and gives velocity and acceleration without differences.
+
+Time scaling: which moment of a log is played now, how fast, and how that changes. Compiled; no allocation.
+
+The rate ds/dt goes up from 0 to the speed and down to 0 again along cubics of RAMP_S each, at rest in acceleration at
+both ends of a ramp; s is its integral in closed form, so that place, rate and acceleration always agree. A stop that is
+asked for brakes from the rate and the acceleration of that moment, and never goes past the end: it needs less way than
+is left, since it is asked for before the last ramp begins.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_lsq_spline
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.compilation import compiled
 from rtstack.control.tick import ArmController
+from rtstack.log.errors import LogError
+from rtstack.log.reader import Log, read_log
 from rtstack.model.rotation import exp_so3, multiply
-from rtstack.playback.motion import LoggedMotion
+from rtstack.references.recording import LARGEST_GAP_NS
+from rtstack.samples import SIDES, Mode
+from rtstack.trials.errors import TrialError
+
+RAMP_S = 0.5
+
+# speed: the rate between the ramps; the brake: time t, place s, rate and acceleration where the last ramp begins
+PACE = np.dtype(
+    [("speed", "f8"), ("brake_t", "f8"), ("brake_s", "f8"), ("brake_rate", "f8"), ("brake_acceleration", "f8")]
+)
+
+
+def pace(duration_s: float, speed: float) -> NDArray:
+    """Return the pace (1,) of PACE through duration_s of a log; one that is too short for two ramps goes slower."""
+    paces = np.zeros(1, PACE)
+    reached = min(speed, duration_s / RAMP_S)
+    paces["speed"] = paces["brake_rate"] = reached
+    paces["brake_s"] = duration_s - 0.5 * reached * RAMP_S
+    paces["brake_t"] = duration_s / reached
+    return paces
+
+
+def end_s(paces: NDArray) -> float:
+    """Return when the motion is at rest, s after its start."""
+    return float(paces["brake_t"][0]) + RAMP_S
+
+
+@compiled
+def follow(paces, t, out):
+    """Write out (3,): place s in the log, ds/dt, d2s/dt2, at t s after the start; held before and after."""
+    p = paces[0]
+    if t < p.brake_t:
+        x = min(max(t / RAMP_S, 0.0), 1.0)
+        out[0] = p.speed * (RAMP_S * (x * x * x - 0.5 * x * x * x * x) + max(0.0, t - RAMP_S))
+        out[1] = p.speed * x * x * (3.0 - 2.0 * x)
+        out[2] = p.speed * 6.0 * x * (1.0 - x) / RAMP_S
+    else:
+        x = min((t - p.brake_t) / RAMP_S, 1.0)
+        pull = p.brake_acceleration * RAMP_S
+        x2 = x * x
+        place = p.brake_rate * (x - x2 * x + 0.5 * x2 * x2) + pull * x2 * (0.5 - x * (2.0 / 3.0 - 0.25 * x))
+        out[0] = p.brake_s + RAMP_S * place
+        out[1] = p.brake_rate * (1.0 - x2 * (3.0 - 2.0 * x)) + pull * x * (1.0 - x) ** 2
+        out[2] = (p.brake_rate * 6.0 * x * (x - 1.0) + pull * (1.0 - x) * (1.0 - 3.0 * x)) / RAMP_S
+
+
+@compiled
+def brake(paces, t, out):
+    """Brake from the time t on; where the last ramp has begun there is nothing to do. out (3,): working memory."""
+    if t >= paces[0].brake_t:
+        return
+    follow(paces, t, out)
+    paces[0].brake_t = t
+    paces[0].brake_s = out[0]
+    paces[0].brake_rate = out[1]
+    paces[0].brake_acceleration = out[2]
+
+
+DEGREE = 5
+KNOT_S = 0.06  # between two knots: what hands do is slower, and what an impact shakes is not played again
+SHORTEST_S, LONGEST_S = 0.5, 120.0  # the second: 200 MB of points, a minute of preparing
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedMotion:
+    """What was played: joints of each arm over duration_s, with two derivatives.
+
+    object: what the log says was there. deviation_rad: largest distance of a measured joint from the curve.
+    """
+
+    path: Path
+    object: str
+    duration_s: float
+    curves: tuple[BSpline, ...]
+    deviation_rad: float
+
+    def joints(self, side: int, t_s: NDArray[np.floating], derivative: int = 0) -> Array:
+        """Return the joints (n, 7) of an arm, rad, or their first or second derivative, at times since the start."""
+        return self.curves[side](t_s, derivative)
+
+
+def load_motion(path: Path, sides: Sequence[str] = SIDES) -> LoggedMotion:
+    """Read the motion of a recording or any other log, of the arms of these sides. Raises TrialError with one line."""
+    try:
+        log = read_log(path)
+        samples = [log.topic(f"/{side}/arm") for side in sides]
+    except LogError as error:
+        raise TrialError(str(error)) from None
+    for side, records in zip(sides, samples, strict=True):
+        if len(records) < 2:
+            raise TrialError(f"{path}: it has no samples of the {side} arm: there is nothing to play")
+    first_ns = max(int(records["t_ns"][0]) for records in samples)
+    last_ns = min(_end_ns(log, side, records) for side, records in zip(sides, samples, strict=True))
+    duration_s = (last_ns - first_ns) * 1e-9
+    if not SHORTEST_S <= duration_s <= LONGEST_S:
+        raise TrialError(
+            f"{path}: its motion lasts {duration_s:.1f} s; what is played on the arms has {SHORTEST_S:g} to "
+            f"{LONGEST_S:g} s"
+        )
+    fitted = [_fit(path, records, first_ns, last_ns) for records in samples]
+    name = log.metadata.get("trial", {}).get("object", "")
+    return LoggedMotion(path, name, duration_s, tuple(curve for curve, _ in fitted), max(far for _, far in fitted))
+
+
+def _end_ns(log: Log, side: str, records: NDArray) -> int:
+    """Return when the motion ended: with the last sample, or where a controlled stop cut it short."""
+    control = log.topic(f"/{side}/control")
+    stopping = control["t_ns"][control["mode"] == Mode.STOPPING]
+    return int(min(records["t_ns"][-1], stopping[0] if len(stopping) else records["t_ns"][-1]))
+
+
+def _fit(path: Path, records: NDArray, first_ns: int, last_ns: int) -> tuple[BSpline, float]:
+    within = records[(records["t_ns"] >= first_ns) & (records["t_ns"] <= last_ns)]
+    t_ns, kept = np.unique(within["t_ns"], return_index=True)
+    gap_ns = int(np.max(np.diff(t_ns), initial=0))
+    q = within["q"][kept]
+    if gap_ns > LARGEST_GAP_NS:
+        raise TrialError(f"{path}: {gap_ns * 1e-6:.0f} ms of the motion are missing: it cannot be played on the arms")
+    if not np.isfinite(q).all():
+        raise TrialError(f"{path}: some of its joint positions are no numbers: it cannot be played on the arms")
+    t_s = (t_ns - first_ns) * 1e-9
+    inner = np.linspace(t_s[0], t_s[-1], max(2, round(t_s[-1] / KNOT_S) + 1))
+    knots = np.concatenate([np.full(DEGREE, inner[0]), inner, np.full(DEGREE, inner[-1])])
+    curve = make_lsq_spline(t_s, q, knots, DEGREE)
+    return curve, float(np.abs(curve(t_s) - q).max())
+
 
 STEP_S = 1e-3  # of the log's time, between two stations
 

@@ -1,12 +1,15 @@
-"""Process replay: the states of a log go through the present controller and judge, and the torques are compared.
+"""Process replay: give the states of a log to the present controller and judge, and compare the torques.
 
-The session is the one that made the log (rtstack.trials.run), on a cell that shows the logged states: what the present
-code makes of them differs from what the log has where the law, a number or a rounding has changed. A motion that would
-have changed with the torque does not: from the first difference on, the states are those of the old torques.
+Runs the session that made the log (rtstack.trials.run) on a cell that returns the logged states. Its output differs
+from the logged one if the law, a number or a rounding has changed. The states stay those of the log: after the first
+difference they no longer belong to the replayed torques.
+
+The commands of a log can also run again on the simulated robot of a profile, such as a twin's: which forces follow
+there? Then the loop is closed: the session that made the log runs again, with the same reference, or with the logged
+setpoints of arms that were led by hand, and the twin answers its torques.
 """
 
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,19 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.base.configuration import ConfigurationError
 from hal.cell import Cell
-from hal.configuration import ConfigurationError
-from rtstack.control.modes import Strategy
+from rtstack.cells import open_cell, with_profile
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
-from rtstack.loop.end import End
+from rtstack.loop.end import OUTSIDE
 from rtstack.loop.history import Columns
 from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.playback.logged_cell import LoggedGuide, LoggedStop, logged_cell
+from rtstack.playback.logged_cell import LoggedSource, LoggedStop, logged_cell
 from rtstack.safety.limits import ForcePhase
-from rtstack.samples import SIDES, Reaction
-from rtstack.trials.assembly import cell_parameters, following
+from rtstack.samples import SIDES, LawInertia
+from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import followed_file
@@ -36,19 +39,20 @@ from rtstack.trials.record import RunSamples
 from rtstack.trials.review import log_columns
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import Specification, specification_of
 from rtstack.trials.tightening import limits_of_arms
 from rtstack.trials.trial import prepare_trial, run_trial
 
-OURS = ("tau_desired", "tau_applied")  # of an arm's sample: all others are the robot's
-# an end that nothing in the states shows: the log says when
-OUTSIDE = (End.STOP_REQUESTED, End.CONSOLE_GONE, End.OPERATOR_GONE, End.RELEASED, End.CLUTCH_QUIET, End.POLICY_QUIET,
-           End.PARENT_GONE, End.LOG_FAILED)  # fmt: skip
+OURS = ("tau_desired", "tau_applied")  # what controller and judge write into an arm's sample
+FREE_TICKS = 300  # a log begins away from everything: what the estimate shows then is no contact
+CONTACT_N = 5.0  # of the estimated force: what of the log counts as contact
+AT_HOME_RAD = 0.02  # arms that are led by hand begin there, or the simulated ones would jump
+OTHER_ARM = 1 << 20  # added to the log's seed: what is not identified of a simulated arm must not be that of the log's
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A field that differs: in how many ticks, first in which, there by which value, and the largest difference."""
+    """A field that differs: number of ticks, the first one with both values, and the largest difference."""
 
     side: str
     field: str
@@ -61,8 +65,8 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """ticks: of the log, and of the replay, which is shorter where it stops earlier. commits: that made the log, and
-    that replays it. differences: of all fields, the earliest first; none: every bit is the same."""
+    """The result of a replay. replayed_ticks: fewer than ticks if the replay stops earlier. commits: of the log and of
+    this code. differences: of all fields, the earliest first; empty: every bit is the same."""
 
     log: str
     kind: str
@@ -73,7 +77,7 @@ class Replay:
 
     @property
     def same(self) -> bool:
-        """Whether the controller made the same of every state."""
+        """True if the replayed controller gives the logged output in every tick."""
         return not self.differences and self.ticks == self.replayed_ticks
 
     def as_dict(self) -> dict[str, Any]:
@@ -85,39 +89,39 @@ def replay(path: Path) -> Replay:
     """Replay a log of a trial, a demonstration or a teleoperation. Raises TrialError with one line."""
     run = read_run(path)
     columns = run.columns
-    cell, left = logged_cell(run.log.metadata["trial"].get("cell", "log"), columns)
-    replayed = run.again(lambda _folder, _description: cell, LoggedStop(columns, left))
+    cell = logged_cell(run.log.metadata["trial"].get("cell", "log"), columns, run.log.sides)
+    replayed = run.again(lambda _folder, _description: cell)
     trial = run.log.metadata["trial"]
     n, m = columns.arm.shape[1], replayed.arm.shape[1]
     commits = trial.get("git_commit", "unknown"), git_commit()
-    return Replay(str(path), run.kind, n, m, commits, compared(columns, replayed))
+    return Replay(str(path), run.kind, n, m, commits, compared(columns, replayed, run.log.sides))
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedRun:
-    """A log whose commands can be run again. asked: its specification."""
+    """A log whose session can be run again."""
 
     log: Log
     columns: Columns
     kind: str
-    asked: dict[str, Any]
+    asked: Specification
 
-    def again(self, opened: Callable[[Path, CellDescription], Cell], stop: LoggedStop) -> Columns:
-        """Return the samples of the session that made the log, on another cell.
+    def again(self, opened: Callable[[Path, CellDescription], Cell]) -> Columns:
+        """Run the session that made the log on another cell, and return its samples.
 
-        opened: the cell, of a folder with the log's cell.toml and of its description. stop: used where the log's end
-        came from outside of the tick.
+        opened: opens the cell, given a folder with the log's cell.toml and its description. An end that does not follow
+        from the states comes in the log's tick.
         """
         reason = self.log.metadata.get("result", {}).get("failure_reason", "")
         outside = self.kind not in ("trial", "demonstration") or any(str(end) in reason for end in OUTSIDE)
         kept = RunSamples(self.log.path)
         with TemporaryDirectory() as name:
             folder = Path(name)
-            description = _description(self.log, folder)
-            context = RunContext(kept, stop=stop if outside else None)
+            description = _with_law_of(self.log, _description(self.log, folder))
+            context = RunContext(kept, stop=LoggedStop(self.columns) if outside else None)
             cell = opened(folder, description)
             try:
-                RUNS[self.kind](self.log, dict(self.asked), description, cell, context, folder)
+                RUNS[self.kind](self.log, self.asked, description, cell, context, folder)
             finally:
                 cell.close()
         assert kept.columns is not None
@@ -136,15 +140,18 @@ def read_run(path: Path) -> LoggedRun:
     if kind not in RUNS:
         raise TrialError(f"{path}: its kind is {kind}; what is replayed are logs of {', '.join(RUNS)}")
     if not columns.arm.shape[1]:
-        raise TrialError(f"{path}: it has no samples of both arms: there is nothing to replay")
-    return LoggedRun(log, columns, kind, json.loads(trial["specification"]))
+        raise TrialError(f"{path}: it has no samples of an arm: there is nothing to replay")
+    try:
+        return LoggedRun(log, columns, kind, specification_of(trial))
+    except TrialError as error:
+        raise TrialError(f"{path}: {error}") from None
 
 
-def compared(logged: Columns, replayed: Columns) -> tuple[Difference, ...]:
-    """Return the fields that differ, tick by tick, as far as both go."""
+def compared(logged: Columns, replayed: Columns, sides: Sequence[str] = SIDES) -> tuple[Difference, ...]:
+    """Return the fields that differ, over the ticks that both have. sides: of the arms of both."""
     n = min(logged.arm.shape[1], replayed.arm.shape[1])
     found = []
-    for k, side in enumerate(SIDES):
+    for k, side in enumerate(sides):
         pairs = [(name, logged.arm[k][name], replayed.arm[k][name]) for name in OURS]
         pairs += [(name, logged.control[k][name], replayed.control[k][name])
                   for name in logged.control.dtype.names or () if name != "t_ns"]  # fmt: skip
@@ -166,47 +173,133 @@ def _difference(side: str, name: str, logged: NDArray, replayed: NDArray) -> Dif
 
 
 def _description(log: Log, folder: Path) -> CellDescription:
-    """Return the description of the cell that the log has inside."""
+    """Return the cell's description that is attached to the log. Raises TrialError."""
     attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
     if attached is None:
         raise TrialError(f"{log.path}: no description of its cell is attached")
     path = folder / "cell.toml"
     path.write_bytes(attached)
     try:
-        return load_cell_description(path)
-    except ConfigurationError as error:
+        return load_cell_description(path).only(log.sides)
+    except (ConfigurationError, ValueError) as error:
         raise TrialError(f"{log.path}: its cell's description: {error}") from None
 
 
+def _with_law_of(log: Log, description: CellDescription) -> CellDescription:
+    """Return the description with the law that the log names; one without a name was made with M + B_theta."""
+    name = log.metadata["trial"].get("law_inertia", LawInertia.LINKS_AND_MOTORS)
+    try:
+        return replace(description, gains=replace(description.gains, law_inertia=LawInertia(name)))
+    except ValueError:
+        names = " or ".join(LawInertia)
+        raise TrialError(f"{log.path}: its controller's law_inertia is {name}; this version has {names}") from None
+
+
 def _trial(
-    log: Log, asked: dict[str, Any], description: CellDescription, cell: Cell, context: RunContext, folder: Path
+    log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
 ) -> None:  # fmt: skip
     reference = folder / "reference.mcap"
-    reference.write_bytes(followed_file(log, asked["reference"])[1])
-    asked |= {"reference": str(reference), "safety": tuple(asked["safety"].items())}
-    asked["reaction"] = Reaction(asked["reaction"])
-    specification = TrialSpecification(**asked)
+    reference.write_bytes(followed_file(log, asked.reference)[1])
+    specification = replace(asked, reference=str(reference), law_inertia=None)  # the law is in the description
     run_trial(replace(prepare_trial(specification, description), specification=specification), cell, context)
 
 
 def _demonstration(
-    log: Log, asked: dict[str, Any], description: CellDescription, cell: Cell, context: RunContext, folder: Path
+    log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
 ) -> None:  # fmt: skip
-    run_demonstration(DemonstrationSpecification(**asked), description, cell, context)
+    run_demonstration(replace(asked, law_inertia=None), description, cell, context)
 
 
 def _by_hand(
-    log: Log, asked: dict[str, Any], description: CellDescription, cell: Cell, context: RunContext, folder: Path
+    log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
 ) -> None:  # fmt: skip
     parameters = cell_parameters(description)
     control = parameters.control
-    guide = LoggedGuide(log_columns(log))
-    plan = SessionPlan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
+    source = LoggedSource(log_columns(log))
+    plan = SessionPlan.from_source(source, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits_of_arms(description), context, None) as run:
-        run.follow(cell, following(Strategy.PROPOSED), 0.0)
+        run.follow(cell)
         run.close({})
 
 
-RUNS: dict[str, Callable[[Log, dict[str, Any], CellDescription, Cell, RunContext, Path], None]] = {
+RUNS: dict[str, Callable[[Log, Any, CellDescription, Cell, RunContext, Path], None]] = {
     "trial": _trial, "demonstration": _demonstration, "teleoperation": _by_hand, "recording": _by_hand,
 }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """An arm: the estimated force on it, N, in the log and in the twin. mean: over the ticks with contact in the log.
+
+    ticks: these. path_mm, torque_nm, velocity: RMS of the distance of the hands, and of the difference of the joints'
+    torques and velocities, rad/s.
+    """
+
+    side: str
+    ticks: int
+    mean_n: tuple[float, float]
+    peak_n: tuple[float, float]
+    path_mm: float
+    torque_nm: tuple[float, ...]
+    velocity: tuple[float, ...]
+
+    @property
+    def off(self) -> float | None:
+        """How far the twin's mean force is off, a share of the log's; None without contact."""
+        return self.mean_n[1] / self.mean_n[0] - 1.0 if self.ticks else None
+
+
+@dataclass(frozen=True, slots=True)
+class TwinReplay:
+    """ticks: of the log, and of the run in the twin."""
+
+    log: str
+    kind: str
+    twin: str
+    ticks: int
+    replayed_ticks: int
+    arms: tuple[Contact, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the replay as JSON-ready values."""
+        return asdict(self) | {"force_off": [arm.off for arm in self.arms]}
+
+
+def replay_in_twin(path: Path, profile: str) -> TwinReplay:
+    """Run a log's commands in the simulated robot of a profile, a name or a path. Raises TrialError with one line."""
+    run = read_run(path)
+    kind = with_profile("direct", profile)
+    replayed = run.again(_opened(run, kind))
+    arms = tuple(_contact(side, run.columns.arm[k], replayed.arm[k]) for k, side in enumerate(run.log.sides))
+    return TwinReplay(str(path), run.kind, profile, run.columns.arm.shape[1], replayed.arm.shape[1], arms)
+
+
+def _opened(run: LoggedRun, kind: str) -> Callable[[Path, CellDescription], Any]:
+    asked, seed = run.asked, run.asked.seed + OTHER_ARM
+
+    def opened(folder: Path, description: CellDescription) -> Any:
+        for samples, mounting in zip(run.columns.arm, description.arms, strict=True):
+            away = float(np.abs(samples["q"][0] - np.array(mounting.home)).max())
+            if run.kind not in ("trial", "demonstration") and away > AT_HOME_RAD:
+                raise TrialError(f"{run.log.path}: an arm begins {away:.2f} rad away from home, where a twin begins")
+        return open_cell(kind, asked.object, asked.displacement, seed, description, cell_file=folder / "cell.toml")
+
+    return opened
+
+
+def _contact(side: str, logged: NDArray, twin: NDArray) -> Contact:
+    n = min(len(logged), len(twin))
+    ours, its = (_force(samples)[:n] for samples in (logged, twin))
+    touched = ours > CONTACT_N
+    means = (float(ours[touched].mean()), float(its[touched].mean())) if touched.any() else (0.0, 0.0)
+    apart = np.linalg.norm(logged["O_T_EE"][:n, :3, 3] - twin["O_T_EE"][:n, :3, 3], axis=1)
+    torque, velocity = (np.sqrt(np.mean((logged[name][:n] - twin[name][:n]) ** 2, axis=0)) for name in ("tau_J", "dq"))
+    return Contact(
+        side, int(touched.sum()), means, (float(ours.max()), float(its.max())), float(1e3 * np.sqrt(np.mean(apart**2))),
+        tuple(torque.tolist()), tuple(velocity.tolist()),
+    )  # fmt: skip
+
+
+def _force(samples: NDArray) -> NDArray[np.float64]:
+    force = samples["O_F_ext_hat_K"][:, :3]
+    return np.linalg.norm(force - np.median(force[:FREE_TICKS], axis=0), axis=1)

@@ -12,8 +12,8 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
-from hal.files import write_whole
+from hal.base.configuration import STRICT
+from hal.base.files import write_whole
 from rtstack.messages import StrictFloat
 
 SUFFIX = ".accepted.json"

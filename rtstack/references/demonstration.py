@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ObjectDescription, Table
@@ -41,13 +41,16 @@ class Grab:
     lag_s: tuple[float, float] = (0.0, 0.0)  # no two hands are quite simultaneous
 
 
-def grab(variation: int, speed_m_s: float | None = None) -> Grab:
+def grab(
+    variation: int, speed_m_s: float | None = None, squeeze_m: float | None = None, squeeze_s: float | None = None
+) -> Grab:
     """Return the demonstration of this number. The ranges are a person's: some ten per cent in speed and path.
 
-    speed_m_s: at the surface towards the object, whatever the number says.
+    speed_m_s: at the surface towards the object; squeeze_m: how far inside the surface the hands come to rest;
+    squeeze_s: from the surface to there. Each replaces what the number says.
     """
-    script = _variation(variation)
-    return script if speed_m_s is None else replace(script, speed_y=speed_m_s)
+    given = {"speed_y": speed_m_s, "squeeze": squeeze_m, "squeeze_s": squeeze_s}
+    return replace(_variation(variation), **{name: value for name, value in given.items() if value is not None})
 
 
 def _variation(variation: int) -> Grab:

@@ -8,7 +8,7 @@ with the velocities of the impact map, and its forces are those that move and ca
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.monitor.expected import ExpectedImpact
 
 LIFTED_S = 0.6  # after the impact the object hangs in the air

@@ -1,8 +1,8 @@
 """A planned motion as a file: a log of the arms' planned states, with /control in the modes of the plan.
 
-Any reader of logs shows it. What a trial needs is in /left/control and /right/control (mode, pose_ref, twist_ref,
-wrench_ff, beta), in the posture's joint of /left/arm and /right/arm, and in the metadata record `plan`; what its
-monitor expects, in q, dq and O_F_ext_hat_K of /left/arm and /right/arm.
+Any reader of logs shows it. What a trial needs is in the control topic of each arm (mode, pose_ref, twist_ref,
+wrench_ff, beta), in the posture's joint of its arm topic, and in the metadata record `plan`; what its
+monitor expects, in q, dq and O_F_ext_hat_K there.
 """
 
 import json
@@ -15,7 +15,7 @@ from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.references.motion import Motion
 from rtstack.references.recording import MEASURED, Recording, ReferenceError
 from rtstack.references.spreading import ExtendedReference, spread
-from rtstack.samples import SIDES, Mode
+from rtstack.samples import Mode
 
 PLAN = "plan"  # the metadata record that makes a log a plan
 MONITOR = "monitor.toml"  # the attachment with the tuning of its monitor, where it has one
@@ -27,17 +27,17 @@ def planned_reference(recording: Recording) -> ExtendedReference:
 
 
 def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recording:
-    """Return the motion in the log of a plan. Raises ReferenceError with one line."""
+    """Return the motion in the log of a plan, of the arms that it has. Raises ReferenceError with one line."""
     metadata = log.metadata[PLAN]
-    controls = [log.topic(f"/{side}/control") for side in SIDES]
-    samples = [log.topic(f"/{side}/arm") for side in SIDES]
+    controls = [log.topic(f"/{side}/control") for side in log.sides]
+    samples = [log.topic(f"/{side}/arm") for side in log.sides]
     t_ns = controls[0]["t_ns"]
     n = len(t_ns)
     if n < 2 or any(not np.array_equal(topic["t_ns"], t_ns) for topic in (*controls, *samples)):
         raise ReferenceError(f"{log.path}: the plan is incomplete: plan it again")
     if np.any(np.diff(t_ns) != round(period_s * 1e9)):
         raise ReferenceError(f"{log.path}: the plan has not one point every {period_s:g} s: plan it again")
-    points, felt = np.zeros((2, n), POINT), np.zeros((2, n), MEASURED)
+    points, felt = np.zeros((len(controls), n), POINT), np.zeros((len(controls), n), MEASURED)
     for arm, (control, sample) in enumerate(zip(controls, samples, strict=True)):
         points[arm]["position"] = control["pose_ref"][:, :3]
         points[arm]["rotation"] = [rotation_from_quaternion(pose[3:]) for pose in control["pose_ref"]]
@@ -56,7 +56,7 @@ def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recordin
         raise ReferenceError(f"{log.path}: the plan has no motion before and after an impact: plan it again")
     try:
         release, motion = round(float(metadata["release_s"]) / period_s), Motion(metadata["motion"])
-        load = np.array(json.loads(metadata["load"]), dtype=float).reshape(2, 6)
+        load = np.array(json.loads(metadata["load"]), dtype=float).reshape(len(controls), 6)
     except (KeyError, ValueError) as error:
         raise ReferenceError(f"{log.path}: its record of the plan is damaged ({error}): plan it again") from None
     measured = felt if felt["force"].any() else None  # plans of older versions do not say what they exert

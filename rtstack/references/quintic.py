@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

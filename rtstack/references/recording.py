@@ -1,22 +1,29 @@
-"""A recording is the log of a teleoperated trial; from it come the signals that the references are made of."""
+"""A recording is the log of a teleoperated trial; from it come the signals that the references are made of.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+Whether a recording's joints mean the places that the cell's file says: bases and pads by the file that is attached
+to it, beside those of the present one, and beside what both pads held.
+"""
+
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
+from hal.base.configuration import ConfigurationError, from_document
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.parameters import DetectorParameters
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
-from rtstack.references.geometry import GRIP_OFF_M, MOVED_M, described_in, grip_off_m, moved_m
 from rtstack.references.impact import demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
@@ -30,6 +37,68 @@ WAITING_NS = 300_000_000  # of rest that is kept before the first motion: a scri
 
 # what was measured beside a point, or planned: joints rad, rad/s; force ON the pad, N along the world's axes
 MEASURED = np.dtype([("q", "f8", 7), ("dq", "f8", 7), ("force", "f8", 3)])
+# as much as the geometry of real arms may be off (rtstack.cells.metal); what a calibration corrects by less is
+# no other place
+MOVED_M = 3e-3
+# both pads so far off, and 4 mm by which pads and object give way, as the most yielding object of our cell does
+GRIP_OFF_M = 0.01
+_LOOKS = 20  # along the recording
+_FEWEST_HELD = 50  # ticks
+
+
+def described_in(log: Log) -> CellDescription | None:
+    """Return the cell by the file that is attached to a log; None where it has none, or one of another version."""
+    attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    try:
+        return from_document(tomllib.loads((attached or b"").decode()), CellDescription, str(log.path))
+    except (ConfigurationError, ValueError):
+        return None
+
+
+def check_sides(log: Log, sides: Sequence[str]) -> None:
+    """Raise ReferenceError for a log that does not have the arms of these sides alone."""
+    if tuple(log.sides) != tuple(sides):
+        has, needs = (f"the {' and the '.join(each)} arm{'s' * (len(each) > 1)}" for each in (log.sides, sides))
+        raise ReferenceError(f"{log.path}: it is of {has}, and the cell has {needs}: follow one of the same arms")
+
+
+def grip_off_m(then: CellDescription | None, object_name: str, points: NDArray, held: NDArray[np.intp]) -> float:
+    """Return by how much both pads' faces were further apart than what they held is wide, m; 0 where that is not known.
+
+    It shows how both arms stand to each other, along the line between the pads, whatever a calibration says. points
+    (2, n) of POINT; held: of them, where both pads felt it.
+    """
+    thing = None if then is None else then.objects.get(object_name)
+    if thing is None or len(points) < 2 or len(held) < _FEWEST_HELD:
+        return 0.0
+    out = points["rotation"][:, held][..., 2]  # of the faces
+    along = out[0] - out[1]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    gap = np.median(((points["position"][1, held] - points["position"][0, held]) * along).sum(axis=1))
+    return float(min((gap - width for width in thing.size), key=abs))
+
+
+def moved_m(
+    then: CellDescription | None, arms: Sequence[ArmController], q: Array, sides: Sequence[str] = SIDES
+) -> float:
+    """Return by how much the pads come out elsewhere than when the log was made, m, at most; 0 where it has no file.
+
+    q (arms, n, 7): the recorded joints, rad, of the arms of these sides.
+    """
+    if then is None or not set(sides) <= set(then.sides):
+        return 0.0
+    looks = np.linspace(0, q.shape[1] - 1, _LOOKS).astype(int)
+    away = 0.0
+    for arm, mounting, own in zip(arms, (then.mountings[side] for side in sides), q[:, looks], strict=True):
+        before = ArmModel(replace(mounting, model=arm.model.robot.reference), then.pad)
+        for row in own:
+            away = max(away, float(np.linalg.norm(_face(arm.model, row) - _face(before, row))))
+    return away
+
+
+def _face(model: ArmModel, q: Array) -> Array:
+    model.update(np.ascontiguousarray(q), np.zeros(7))
+    return model.p7 + model.R7 @ model.face
 
 
 class ReferenceError(Exception):
@@ -40,14 +109,13 @@ class ReferenceError(Exception):
 class Recording:
     """The teleoperated part of a recording, one sample a tick.
 
-    points (2, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
-    operator's
-    controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
-    N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan). detected: index of
-    the impact that was found, None without one; problem: why no reference can be made of it; measured (2, n) of
-    MEASURED, None where the joints are not known; of a plan, what was planned. begin_s: how much was cut off before the
-    first sample; whole (2, m) of POINT: what there is without cutting, where it was asked for. hits: of each pad, the
-    index at which its impact was found, None without one.
+    points (arms, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
+    operator's controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go.
+    load (arms, 6) N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan).
+    detected: index of the impact that was found, None without one; problem: why no reference can be made of it;
+    measured (arms, n) of MEASURED, None where the joints are not known; of a plan, what was planned. begin_s: how much
+    was cut off before the first sample; whole (arms, m) of POINT: what there is without cutting, where it was asked
+    for. hits: of each pad, the index at which its impact was found, None without one.
     """
 
     points: NDArray
@@ -62,7 +130,7 @@ class Recording:
     measured: NDArray | None = None
     begin_s: float = 0.0
     whole: NDArray | None = None
-    hits: tuple[int | None, int | None] = (None, None)
+    hits: tuple[int | None, ...] = (None, None)
 
     @property
     def impact_s(self) -> float:
@@ -84,38 +152,41 @@ class Recording:
 
 
 def load_recording(
-    path: Path, arms: tuple[ArmController, ArmController], detector: DetectorParameters, period_s: float
-) -> Recording:
-    """Read a recording and find its impact. Raises ReferenceError with one line."""
+    path: Path, arms: Sequence[ArmController], detector: DetectorParameters, period_s: float,
+    sides: Sequence[str] = SIDES,
+) -> Recording:  # fmt: skip
+    """Read a recording of the arms of these sides and find its impact. Raises ReferenceError with one line."""
     try:
         log = read_log(path)
     except LogError as error:
         raise ReferenceError(str(error)) from None
-    return recording_of(log, arms, detector, period_s)
+    return recording_of(log, arms, detector, period_s, sides=sides)
 
 
 def recording_of(
     log: Log,
-    arms: tuple[ArmController, ArmController],
+    arms: Sequence[ArmController],
     detector: DetectorParameters,
     period_s: float,
     acceptance: Acceptance | None = None,
     patient: bool = False,
     progress: Callable[[float], None] | None = None,
+    sides: Sequence[str] = SIDES,
 ) -> Recording:
     """Return the recording in an open log, as load_recording does.
 
     acceptance: what a person said about it, by default what is kept beside it. patient: what cannot be followed is
     returned with its problem all the same, as long as there is something to show, and with the whole of it. progress:
-    is told the share that is done.
+    is told the share that is done. sides: of the arms.
     """
     path = log.path
+    check_sides(log, sides)
     try:
         accepted = load_acceptance(path) if acceptance is None else acceptance
     except AcceptanceError as error:
         raise ReferenceError(str(error)) from None
-    controls = [log.topic(f"/{side}/control") for side in SIDES]
-    samples = [log.topic(f"/{side}/arm") for side in SIDES]
+    controls = [log.topic(f"/{side}/control") for side in sides]
+    samples = [log.topic(f"/{side}/arm") for side in sides]
     taught = controls[0]["t_ns"][controls[0]["mode"] == Mode.TELEOPERATION]
     if len(taught) == 0:
         raise ReferenceError(f"{path}: nothing in it was teleoperated: record a demonstration with `rtstack teach`")
@@ -132,9 +203,9 @@ def recording_of(
         if gap_ns > LARGEST_GAP_NS:
             raise ReferenceError(f"{path}: {gap_ns * 1e-6:.0f} ms of the demonstration are missing: record it again")
     n = len(grid_ns)
-    points = np.zeros((2, n), POINT)
-    measured = np.zeros((2, n), MEASURED)
-    hits = [kept.stop, kept.stop]
+    points = np.zeros((len(arms), n), POINT)
+    measured = np.zeros((len(arms), n), MEASURED)
+    hits = [kept.stop] * len(arms)
     for arm, controller in enumerate(arms):
         finder = ImpactDetector(detector, period_s)
         q, dq, push = (_on_grid(samples[arm], name, grid_ns) for name in ("q", "dq", "O_F_ext_hat_K"))
@@ -153,7 +224,7 @@ def recording_of(
             if kept.start <= k < kept.stop and finder.update(felt, twist):
                 hits[arm] = min(hits[arm], k)
             if progress is not None and k % _TOLD_TICKS == 0:
-                progress((arm + k / n) / 2)
+                progress((arm + k / n) / len(arms))
         measured["q"][arm], measured["dq"][arm] = q, dq
         joint = controller.parameters.posture_joint
         points[arm]["xi"] = q[:, joint]
@@ -176,7 +247,7 @@ def recording_of(
         problem = f"its impact was set to {accepted.nominal_impact_s:g} s by hand, past its end at {end_s:g} s"
     elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
-    elif (away_m := moved_m(then, arms, measured["q"])) > MOVED_M:
+    elif (away_m := moved_m(then, arms, measured["q"], sides)) > MOVED_M:
         problem = (
             f"it was made with bases and pads elsewhere than the cell's file has them now: its pads would be up to "
             f"{away_m * 1e3:.0f} mm off; record it again"
@@ -203,7 +274,7 @@ def recording_of(
         measured=measured,
         begin_s=begin * period_s,
         whole=whole,
-        hits=(_hit(hits[0], kept), _hit(hits[1], kept)),
+        hits=tuple(_hit(hit, kept) for hit in hits),
     )
 
 

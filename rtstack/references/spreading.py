@@ -17,7 +17,7 @@ from rtstack.references.recording import Recording, ReferenceError
 
 @dataclass(frozen=True, slots=True)
 class ExtendedReference:
-    """ante and post: (2, n) of POINT, both arms, one point a tick from the start; nominal impact and release in s.
+    """ante and post: (arms, n) of POINT, one point a tick from the start; nominal impact and release in s.
 
     impact: what the monitor expects, None where the joints are not known, or of a push. planned: made by a planner.
     """
@@ -64,7 +64,7 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
     n = recording.points.shape[1]
     ante = recording.points.copy()
     post = recording.points.copy()
-    for arm in range(2):
+    for arm in range(len(ante)):
         _hold_velocity(ante[arm], a, np.arange(a + 1, n), recording.period_s)
         _hold_velocity(post[arm], p, np.arange(p), recording.period_s)
         if recording.load is not None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.limits import DOF
 from hal.robots import FR3, RobotModel
 from hal.robots.description import LARGEST_NUMBER_OF_CAPSULES

@@ -5,17 +5,16 @@ ones that are wider than a cell's: by where the arm stands and a little more, ne
 come from the measured state, not from a file or a request, and are made anew each time that a person begins.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
 from rtstack.safety.limits import PairLimits, SafetyLimits
 from rtstack.safety.records import StopProfile, empty_memory, rules
-
-SIDES = ("left", "right")  # as in rtstack.samples, which is above the judge
 
 # all ours. What a hand may move: 0.25 m/s is the reduced speed of ISO 10218-1 for a person beside the robot
 SPEED_M_S = 0.25
@@ -33,28 +32,30 @@ _FAR_M = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where both arms stand: q (2, 7) rad; face (2, 3) m, the middle of the pad's face in the world; distance m."""
+    """Where the arms stand: q (arms, 7) rad; face (arms, 3) m, the middle of the pad's face in the world; distance m,
+    infinite where there is one arm."""
 
     q: Array
     face: Array
     distance: float
 
 
-def standing(q: Array, bases: tuple[Base, Base], tools: tuple[Tool, Tool], limits: PairLimits) -> Standing:
-    """Return where arms at q (2, 7) stand, by the judge's own picture of them."""
+def standing(q: Array, bases: Sequence[Base], tools: Sequence[Tool], limits: PairLimits) -> Standing:
+    """Return where arms at q (arms, 7) stand, by the judge's own picture of them."""
     bodies = [arm_body(*arm) for arm in zip(bases, tools, strict=True)]
-    memories, dq = empty_memory(2), np.zeros(7)
-    both = [rules(limits[k], StopProfile(), bodies[k], bodies[1 - k]) for k in (0, 1)]
-    for k in (0, 1):
-        place_arm(q[k], dq, both[k][0], memories[k])
-    distance = float(arm_distance(memories[0], memories[1], both[0][0], _FAR_M))
+    memories, dq = empty_memory(len(bodies)), np.zeros(7)
+    others = reversed(bodies)
+    each = [rules(own, StopProfile(), *two) for own, *two in zip(limits, bodies, others, strict=True)]
+    for k, rule in enumerate(each):
+        place_arm(q[k], dq, rule[0], memories[k])
+    distance = np.inf if len(each) == 1 else float(arm_distance(memories[0], memories[1], each[0][0], _FAR_M))
     return Standing(q.copy(), memories["face_world"].copy(), distance)
 
 
-def beyond(limits: PairLimits, where: Standing) -> tuple[str, ...]:
-    """Return a line for each limit that the arms stand beyond."""
+def beyond(limits: PairLimits, where: Standing, sides: Sequence[str]) -> tuple[str, ...]:
+    """Return a line for each limit that the arms, of these sides, stand beyond."""
     lines = []
-    for side, name in enumerate(SIDES):
+    for side, name in enumerate(sides):
         own = limits[side]
         for joint, (q, low, high) in enumerate(zip(where.q[side], own.q_lower, own.q_upper, strict=True), 1):
             if not low <= q <= high:
@@ -68,9 +69,9 @@ def beyond(limits: PairLimits, where: Standing) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def outside_robot(limits: PairLimits, where: Standing) -> str:
+def outside_robot(limits: PairLimits, where: Standing, sides: Sequence[str]) -> str:
     """Return which joint stands at the robot's own limit, where no program may move it, "" for none."""
-    for side, name in enumerate(SIDES):
+    for side, name in enumerate(sides):
         arm = limits[side].arm
         for joint, (q, low, high) in enumerate(zip(where.q[side], arm.q_lower, arm.q_upper, strict=True), 1):
             if not low + ROBOT_MARGIN_RAD < q < high - ROBOT_MARGIN_RAD:
@@ -80,8 +81,7 @@ def outside_robot(limits: PairLimits, where: Standing) -> str:
 
 def guided_limits(limits: PairLimits, where: Standing) -> PairLimits:
     """Return the judge's limits for arms that stand there and are moved by hand."""
-    left, right = (_one(limits[side], where, side) for side in (0, 1))
-    return left, right
+    return tuple(_one(own, where, side) for side, own in enumerate(limits))
 
 
 def _one(limits: SafetyLimits, where: Standing, side: int) -> SafetyLimits:

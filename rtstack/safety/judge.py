@@ -4,7 +4,7 @@ A stop latches until it is recovered from. The judge imports the hardware contra
 hal's own description, and allocates, logs, waits and raises nowhere in `judge`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from rtstack.safety.reasons import NO_INTERVENTION, Cause, Judgement
 from rtstack.safety.records import StopProfile, empty_memory, rules
 from rtstack.safety.stop import begin_stop, braking_torque, clip
 
-__all__ = ["Base", "Cause", "ForcePhase", "Judgement", "SafetyJudge", "SafetyLimits", "Tool", "pair_of_judges"]
+__all__ = ["Base", "Cause", "ForcePhase", "Judgement", "SafetyJudge", "SafetyLimits", "Tool", "judges_of"]
 
 OTHER_ARM = int(Cause.OTHER_ARM)
 # A controller that keeps inside its limits may be limited once, by rounding or by chance; one that goes on wanting what
@@ -179,12 +179,13 @@ class SafetyJudge:
         return Cause(int(found))
 
 
-def pair_of_judges(
-    limits: PairLimits, left: Base, right: Base, tools: tuple[Tool, Tool], profile: StopProfile | None = None
-) -> tuple[SafetyJudge, SafetyJudge]:
-    """Return the judges of two arms that watch each other: distance, silence, and that neither goes on alone."""
+def judges_of(
+    limits: PairLimits, bases: Sequence[Base], tools: Sequence[Tool], profile: StopProfile | None = None
+) -> tuple[SafetyJudge, ...]:
+    """Return the judge of each arm. Those of two arms watch each other: distance, silence, and that neither goes on
+    alone."""
+    if len(limits) == 1:
+        return (SafetyJudge(limits[0], bases[0], tools[0], profile),)
     pair = empty_memory(2)
-    return (
-        SafetyJudge(limits[0], left, tools[0], profile, pair, 0, (right, tools[1])),
-        SafetyJudge(limits[1], right, tools[1], profile, pair, 1, (left, tools[0])),
-    )
+    arms = list(zip(bases, tools, strict=True))
+    return tuple(SafetyJudge(limits[k], *arms[k], profile, pair, k, arms[1 - k]) for k in range(2))

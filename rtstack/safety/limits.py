@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array, Seven, seven
-from hal.collisions import CollisionBehaviour
-from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, OwnLimits
+from hal.base.arrays import Array, Seven, seven
+from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, CollisionBehaviour, OwnLimits
 from hal.robots import FR3, RobotModel
 
 Three = tuple[float, float, float]
@@ -170,7 +169,7 @@ class SafetyLimits:
 # of the limits, as a table `[safety]` spells them
 NAMES = tuple(field.name for field in fields(SafetyLimits) if field.name != "arm")
 
-PairLimits = tuple[SafetyLimits, SafetyLimits]  # of the left and of the right arm
+PairLimits = tuple[SafetyLimits, ...]  # of each arm, left before right
 
 
 def _check(key: str, value: Any, bound: Any) -> None:

@@ -15,9 +15,9 @@ class HandInput:
     """What an operator does now. held: the clutch; without it nothing moves.
 
     left, right: a pose (position m, quaternion wxyz, in the world), or a deflection (-1 to 1 of the chosen speed, along
-    the world's axes and about them); None for an arm that stays. finished: the operator has ended the teleoperation.
-    leading: the poses are of a person's hands, or a leader's: each pad goes as its hand goes, from where both were when
-    the clutch began to be held.
+    the world's axes and about them); None for an arm that stays, or is not there. finished: the operator has ended the
+    teleoperation. leading: the poses are of a person's hands, or a leader's: each pad goes as its hand goes, from where
+    both were when the clutch began to be held.
     """
 
     held: bool

@@ -1,4 +1,6 @@
-"""The filter from an operator's requests, 20 or so a second, to a command a tick. Compiled; no allocation.
+"""From an operator's requests, 20 or so a second, to a command a tick: goals, and a filter. Compiled; no allocation.
+
+Requests become goals: checked, kept in reach, and left alone where they jump.
 
 A pose is six coordinates: the position, and the rotation vector from where the end effector began, so that poses can
 be averaged. Three steps follow one another: a low-pass of which each half (m, rad) goes no faster than its
@@ -18,6 +20,7 @@ import numpy as np
 from hal.compilation import compiled
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
+from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, GAP_M, TILT_RAD
 
 LOW_PASS_S = 0.04  # fills the time between two requests of a page
 SMOOTH_S = 0.1
@@ -150,3 +153,82 @@ def write_point(followers, points):
         point.twist[3 + i] = (
             point.rotation[i, 0] * f.three[0] + point.rotation[i, 1] * f.three[1] + point.rotation[i, 2] * f.three[2]
         )
+
+
+LENGTH_TOLERANCE = 1e-3  # of a quaternion
+
+# working memory of an arm's request
+AIM = np.dtype([("position", "f8", 3), ("rotation", "f8", (3, 3)), ("goal", "f8", 6), ("usable", "i8")])
+
+
+@compiled
+def _rotation(pose, out):
+    """Write the rotation of the quaternion wxyz in pose[3:7], normalised first."""
+    n = math.sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
+    w, x, y, z = pose[3] / n, pose[4] / n, pose[5] / n, pose[6] / n
+    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[0, 1] = 2.0 * (x * y - w * z)
+    out[0, 2] = 2.0 * (x * z + w * y)
+    out[1, 0] = 2.0 * (x * y + w * z)
+    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[1, 2] = 2.0 * (y * z - w * x)
+    out[2, 0] = 2.0 * (x * z - w * y)
+    out[2, 1] = 2.0 * (y * z + w * x)
+    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@compiled
+def _usable(pose):
+    """Whether a pose (7,) is finite, and its quaternion of length one."""
+    square = 0.0
+    for i in range(7):
+        if not math.isfinite(pose[i]):
+            return False
+        if i >= 3:
+            square += pose[i] ** 2
+    return abs(math.sqrt(square) - 1.0) <= LENGTH_TOLERANCE
+
+
+@compiled
+def aim(poses, followers, aims, lower, upper):
+    """Make the poses (arms, 7) the followers' goals, inside of the box; return how many were not taken.
+
+    Pads of two arms, left before right, are kept apart.
+
+    A pose that is no pose, or is further ahead of its arm's command than AHEAD_M, leaves the goal as it is.
+    """
+    missed = 0
+    arms = aims.shape[0]
+    for side in range(arms):
+        a = aims[side, 0]
+        a.usable = _usable(poses[side])
+        for i in range(3):
+            x = poses[side, i] if a.usable else followers[side, 0].goal[i]
+            a.position[i] = min(max(x, lower[i]), upper[i])
+    if arms == 2:
+        lacking = GAP_M - (aims[0, 0].position[1] - aims[1, 0].position[1])
+        if lacking > 0.0:
+            aims[0, 0].position[1] += 0.5 * lacking
+            aims[1, 0].position[1] -= 0.5 * lacking
+    for side in range(arms):
+        a = aims[side, 0]
+        if not a.usable:
+            missed += 1
+            continue
+        _rotation(poses[side], a.rotation)
+        coordinates(followers[side], a.position, a.rotation, a.goal)
+        tilt = math.sqrt(a.goal[3] ** 2 + a.goal[4] ** 2 + a.goal[5] ** 2)
+        far = 0.0
+        turned = 0.0
+        command = followers[side, 0].command
+        for i in range(3):
+            if tilt > TILT_RAD:
+                a.goal[3 + i] *= TILT_RAD / tilt
+            far += (a.goal[i] - command[i]) ** 2
+            turned += (a.goal[3 + i] - command[3 + i]) ** 2
+        if far > AHEAD_M**2 or turned > AHEAD_RAD**2:
+            missed += 1
+            continue
+        for i in range(6):
+            followers[side, 0].goal[i] = a.goal[i]
+    return missed

@@ -1,4 +1,4 @@
-"""Leads both pads through a few straight ways: away from each other, down until the table carries what they hold, home.
+"""Leads the pads through a few straight ways: away from each other, down until the table carries what they hold, home.
 
 The commands come out of the teleoperation's filter (rtstack.teleoperation.follower): bounded in speed, acceleration and
 jerk. A pad that presses begins as far ahead of itself as its spring is pressed, so that its force goes on.
@@ -31,7 +31,7 @@ _XI_RAD_S = 0.3  # of the posture, on the way home
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where both arms begin: position (2, 3) m and rotation (2, 3, 3) of the pads' faces, xi (2,) rad."""
+    """Where the arms begin: position (arms, 3) m and rotation (arms, 3, 3) of the pads' faces, xi (arms,) rad."""
 
     position: NDArray[np.floating]
     rotation: NDArray[np.floating]
@@ -39,21 +39,26 @@ class Home:
 
 
 class Mover:
-    """A guide of a session, and one of its watchdogs: it ends the session once the last way is gone.
+    """A point source of a session, and one of its watchdogs: it ends the session once the last way is gone.
 
-    opening: how far each pad goes away from the other one, m, 0 for not; lower: first, until the table carries; home:
-    where they go in the end, None where they stay. stiffness: of the springs between command and pad, N/m.
+    opening: how far each pad goes away from the other one, and an only one backwards, m, 0 for not; lower: first, until
+    the table carries; home: where they go in the end, None where they stay. stiffness: of the springs between command
+    and pad, N/m.
     """
 
-    def __init__(self, reach: Reach, stiffness: float, opening_m: float, lower: bool, home: Home | None) -> None:
-        self.points = np.zeros((2, 1), POINT)
+    def __init__(
+        self, reach: Reach, stiffness: float, opening_m: float, lower: bool, home: Home | None, arms: int = 2
+    ) -> None:
+        self.points = np.zeros((arms, 1), POINT)
         self.problem = ""  # why it ended early
+        self._over = False
         self.lowered_m = 0.0
         self._reach, self._stiffness, self._opening_m, self._home = reach, stiffness, opening_m, home
-        self._followers = np.zeros((2, 1), FOLLOWER)
-        self._position = [np.zeros(3), np.zeros(3)]  # of the pads, views of the observed arms
+        self._followers = np.zeros((arms, 1), FOLLOWER)
+        self._position = [np.zeros(3)] * arms  # of the pads, views of the observed arms
+        self._rotation = [np.eye(3)] * arms
         self._mode = np.zeros(1, np.int64)
-        self._begun = [False, False]
+        self._begun = [False] * arms
         self._began_z = 0.0
         self._pressed = 0
         self._goal = np.zeros(6)
@@ -78,25 +83,28 @@ class Mover:
         """How much of the ways is over, 0 to 1, roughly."""
         return 1.0 - len(self._ways) / max(1, self._count) - 0.5 / max(1, self._count)
 
-    def trip(self) -> WatchdogTrip | None:
-        """See rtstack.loop.watchdogs.Watchdog: choose the next way once the last one is gone."""
+    def listen(self) -> None:
+        """See rtstack.loop.session.PointSource: choose the next way once the last one is gone."""
         if not all(self._begun) or self._mode[0] == Mode.STOPPING:
-            return None
+            return
         if self._lowering and self._carried():
             self._lowering = False
             self.lowered_m = self._began_z - self._mean_z()
             for follower in self._followers:
                 hold(follower)
         if not self._arrived():
-            return None
+            return
         if self._lowering:
             self.problem = "the pads are as low as they may go, and the table does not carry it: it is still held"
-            return WatchdogTrip(End.COMPLETED, "", Level.INFO)
-        if not self._ways:
-            return WatchdogTrip(End.COMPLETED, "", Level.INFO)
+        if self._lowering or not self._ways:
+            self._over = True
+            return
         self._speed = SPEED_M_S
         self._ways.pop(0)()
-        return None
+
+    def trip(self) -> WatchdogTrip | None:
+        """See rtstack.loop.watchdogs.Watchdog: the last way is gone."""
+        return WatchdogTrip(End.COMPLETED, "", Level.INFO) if self._over else None
 
     def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of this tick of an arm whose state was observed."""
@@ -104,7 +112,8 @@ class Mover:
         work = arm.workspace[0]
         if not self._begun[side]:
             self._begun[side] = True
-            self._position[side], self._mode = work["position"], arm.control["mode"]
+            self._position[side], self._rotation[side] = work["position"], work["rotation"]
+            self._mode = arm.control["mode"]
             begin(follower, work["position"] - work["force_world"] / self._stiffness, work["rotation"])
             point["xi"] = arm.sample["q"][0, arm.parameters.posture_joint]
         advance(follower, self._speed, TURN_RAD_M * self._speed)
@@ -117,30 +126,37 @@ class Mover:
         self._lowering, self._speed, self._began_z = True, LOWER_M_S, self._mean_z()
         # as far as the lower one may: they stay as high above each other as they are
         low = min(float(position[2]) for position in self._position)
-        for side in (0, 1):
-            goal = self._followers["goal"][side, 0]
+        for goal in self._followers["goal"][:, 0]:
             goal[2] += min(0.0, self._reach.lower[2] - low - 2.0 * CARRIED_M)
 
     def _open(self) -> None:
-        for side, outwards in ((0, 1.0), (1, -1.0)):
-            goal = self._followers["goal"][side, 0]
-            y = float(self._position[side][1]) + outwards * self._opening_m
-            goal[1] = min(max(y, self._reach.lower[1]), self._reach.upper[1])
-            goal[2] = max(float(self._position[side][2]), self._reach.lower[2])
+        for goal, position, outwards in zip(
+            self._followers["goal"][:, 0], self._position, self._outwards(), strict=True
+        ):
+            away = position + self._opening_m * outwards
+            for i in (0, 1) if len(self._position) == 1 else (1,):
+                goal[i] = min(max(away[i], self._reach.lower[i]), self._reach.upper[i])
+            goal[2] = max(float(position[2]), self._reach.lower[2])
+
+    def _outwards(self) -> NDArray[np.float64]:
+        """Return the directions (arms, 3) away from what is between the pads, or in front of an only one."""
+        if len(self._position) == 1:
+            return -self._rotation[0][None, :, 2]
+        return np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 
     def _go_home(self) -> None:
         home = self._home
         assert home is not None
         self._homing = True
-        for side in (0, 1):
+        for side in range(len(self._followers)):
             coordinates(self._followers[side], home.position[side], home.rotation[side], self._goal)
             self._followers["goal"][side, 0] = self._goal
 
     def _mean_z(self) -> float:
-        return 0.5 * float(self._position[0][2] + self._position[1][2])
+        return float(np.mean([position[2] for position in self._position]))
 
     def _carried(self) -> bool:
-        below = self._mean_z() - 0.5 * float(self._followers["command"][0, 0, 2] + self._followers["command"][1, 0, 2])
+        below = self._mean_z() - float(self._followers["command"][:, 0, 2].mean())
         self._pressed = self._pressed + 1 if below > CARRIED_M else 0
         return self._pressed >= CARRIED_TICKS
 

@@ -10,12 +10,13 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.extensions import ExtensionPoint
 from rtstack.cameras.newest import Picture
-from rtstack.loop.target import CHUNK, CHUNK_POSES
+from rtstack.loop.mailbox import CHUNK, CHUNK_POSES
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.rotation import quaternion_from_rotation
+from rtstack.samples import SIDES
 
 SLOWEST_HZ, FASTEST_HZ = 10, 50  # of the observations
 LONGEST_STEP_S = 0.5  # between two poses of a chunk
@@ -24,12 +25,12 @@ UNIT_TOLERANCE = 1e-3  # of a quaternion's length
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a policy is shown, all of one instant. Arrays of both arms are (left, right), in the world.
+    """What a policy is shown, all of one instant. Arrays are of the cell's arms, left before right, in the world.
 
-    number: counts from 1; t_ns: the robot's time of the left arm's state; t_s: since the policy began to lead. q, dq
-    (2, 7): rad, rad/s; pose (2, 7): of the middle of the pad's face, m, wxyz; pose_ref (2, 7): what is asked of it,
-    after the filter; force (2, 3): N, on the pad; object_pose (7,): as the tracker saw it last, None before. pictures:
-    the newest of each of the cell's cameras that was taken at t_ns or before, by the camera's name.
+    number: counts from 1; t_ns: the robot's time of the first arm's state; t_s: since the policy began to lead. q, dq
+    (arms, 7): rad, rad/s; pose (arms, 7): of the middle of the pad's face, m, wxyz; pose_ref (arms, 7): what is asked
+    of it, after the filter; force (arms, 3): N, on the pad; object_pose (7,): as the tracker saw it last, None before.
+    pictures: the newest of each of the cell's cameras that was taken at t_ns or before, by the camera's name.
     """
 
     number: int
@@ -48,8 +49,8 @@ class Observation:
 class Chunk:
     """What a policy answers: where the pads, or the joints, are to be; pose k (k + 1) step_s after the observation.
 
-    poses (n, 2, 7): m, wxyz, in the world; or joints (n, 2, 7): rad. 1 to CHUNK_POSES of them. finished: the policy is
-    done and gives the lease back; the rest is not looked at then.
+    poses (n, arms, 7): m, wxyz, in the world; or joints (n, arms, 7): rad. 1 to CHUNK_POSES of them. finished: the
+    policy is done and gives the lease back; the rest is not looked at then.
     """
 
     step_s: float = 0.02
@@ -57,14 +58,14 @@ class Chunk:
     joints: Array | None = None
     finished: bool = False
 
-    def problem(self) -> str | None:
-        """Return in one line why it is no answer, None where it is one."""
+    def problem(self, arms: int) -> str | None:
+        """Return in one line why it is no answer, None where it is one. arms: how many the cell has."""
         given = [each for each in (self.poses, self.joints) if each is not None]
         if len(given) != 1:
             return "a chunk has poses, or joints"
         values = np.asarray(given[0])
-        if values.ndim != 3 or values.shape[1:] != (2, 7) or not 1 <= len(values) <= CHUNK_POSES:
-            return f"a chunk is (n, 2, 7) with n from 1 to {CHUNK_POSES}, not {values.shape}"
+        if values.ndim != 3 or values.shape[1:] != (arms, 7) or not 1 <= len(values) <= CHUNK_POSES:
+            return f"a chunk is (n, {arms}, 7) with n from 1 to {CHUNK_POSES}, not {values.shape}"
         if not np.isfinite(values).all():
             return "a number of the chunk is none"
         if self.poses is not None and (np.abs(np.linalg.norm(values[..., 3:], axis=-1) - 1.0) > UNIT_TOLERANCE).any():
@@ -73,19 +74,24 @@ class Chunk:
             return f"step_s is from 0.001 to {LONGEST_STEP_S}"
         return None
 
-    def record(self, models: tuple[ArmModel, ArmModel], posture_joint: int) -> NDArray[np.void]:
-        """Return it as (1,) of CHUNK, without job, lease and times. models: what gives joints their pads' poses."""
+    def record(self, models: Mapping[str, ArmModel], posture_joint: int) -> NDArray[np.void]:
+        """Return it as (1,) of CHUNK, without job, lease and times.
+
+        models: of each arm by its side: what gives joints their pads' poses. The row of an arm that is not there says
+        nothing.
+        """
         chunk = np.zeros(1, CHUNK)
-        chunk["xi"] = np.nan
+        chunk["xi"], chunk["pose"][..., 3] = np.nan, 1.0
+        rows = [SIDES.index(side) for side in models]
         values = np.asarray(self.poses if self.poses is not None else self.joints, float)
         chunk["count"], chunk["step_ns"] = len(values), round(self.step_s * 1e9)
         if self.joints is None:
-            chunk["pose"][0, : len(values)] = values
+            chunk["pose"][0, : len(values), rows] = values.swapaxes(0, 1)
             return chunk
-        for side, model in enumerate(models):
-            for k, q in enumerate(values[:, side]):
-                chunk["pose"][0, k, side] = pad_pose(model, q)
-            chunk["xi"][0, : len(values), side] = values[:, side, posture_joint]
+        for arm, (row, model) in enumerate(zip(rows, models.values(), strict=True)):
+            for k, q in enumerate(values[:, arm]):
+                chunk["pose"][0, k, row] = pad_pose(model, q)
+            chunk["xi"][0, : len(values), row] = values[:, arm, posture_joint]
         return chunk
 
 
@@ -102,7 +108,7 @@ class Policy(Protocol):
 
 
 # each a callable (argument: str) -> Policy; argument: what stands behind NAME: on the command line, "" for nothing
-POLICIES = ExtensionPoint[Callable[[str], Policy]]("rtstack.policies", "policy", cast(Any, Callable))
+POLICIES = ExtensionPoint[Callable[[str], Policy]]("rtstack.policies", "policy", cast(Any, Callable), ours=False)
 
 
 def pad_pose(model: ArmModel, q: Array) -> Array:

@@ -10,8 +10,7 @@ import numpy as np
 
 from hal.compilation import compiled
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import CHUNK, CHUNK_POSES
+from rtstack.loop.mailbox import CHUNK, CHUNK_POSES, Mailbox
 from rtstack.loop.watchdogs import CLUTCH_S, WatchdogTrip
 
 _LATE_NS = round(CLUTCH_S * 1e9)  # what answers a state that is older is not followed
@@ -66,6 +65,7 @@ def _asked(chunk, began_ns, begin, now_ns, poses):
 class PolicyLead:
     """The answers of a policy under a lease. poses (2, 7): what is asked for; xi (2,): of the posture, rad, or NaN.
 
+    Rows are of (left, right), as in the mailbox; the one of an arm that is not there means nothing.
     clock: the host's monotonic time, ns.
     """
 
@@ -94,8 +94,8 @@ class PolicyLead:
         self.xi[:] = np.nan
 
     def follow(self, now_ns: int, command: np.ndarray) -> bool:
-        """Take a new answer and write `poses` for this tick. now_ns: the left arm's time; command (2, 7): what the arms
-        are asked for without it. Returns whether there is something to follow."""
+        """Take a new answer and write `poses` for this tick. now_ns: the first arm's time; command (2, 7): what is
+        asked for without it. Returns whether there is something to follow."""
         if self._mailbox.chunk_sequence != self._sequence:
             self._take(now_ns, command)
         if not self.answers:

@@ -1,26 +1,45 @@
 """Runs a scripted demonstration on a cell, through the teleoperation path, and writes its log."""
 
+from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from hal.cell import Cell
-from rtstack.control.modes import Strategy
 from rtstack.loop.session import SessionOutcome, SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
-from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
-from rtstack.trials.load import settle_load
-from rtstack.trials.object import check_object
+from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, with_law
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.move import settle_load
+from rtstack.trials.object import check_object, check_two_arms
 from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import SuccessCriterion, failure_reason, score
-from rtstack.trials.specification import DemonstrationSpecification
+from rtstack.trials.specification import DemonstrationSpecification, like
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import limits_of_arms
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedDemonstration(PreparedRun[DemonstrationResult]):
+    """A demonstration of an object that the cell has."""
+
+    specification: DemonstrationSpecification
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> DemonstrationResult:
+        """See PreparedRun."""
+        return run_demonstration(self.specification, self.description, cell, context, way=way)
+
+
+def prepare_demonstration(
+    specification: DemonstrationSpecification, description: CellDescription
+) -> PreparedDemonstration:
+    """Check the object and the arms. Raises TrialError with one line."""
+    check_object(specification.object, description)
+    check_two_arms(description, "a demonstration of a grab")
+    return PreparedDemonstration(specification, description)
 
 
 def run_demonstration(
@@ -35,16 +54,18 @@ def run_demonstration(
 ) -> DemonstrationResult:
     """Run a scripted demonstration on an open cell. Closes the log, not the cell.
 
-    script: what to do instead of the specification's variation. way: to home, gone before the first tick.
+    script: in the place of the specification's variation. way: the motion to home, carried out before the first tick.
     """
-    parameters = parameters or cell_parameters(description)
+    check_two_arms(description, "a demonstration of a grab")
+    parameters = with_law(parameters or cell_parameters(description), specification.law_inertia)
     check_object(specification.object, description)
     arms = arm_controllers(description, parameters)
     period_s = parameters.control.period_s
     targets = scripted_targets(
-        script or grab(specification.variation, specification.speed_m_s),
+        script
+        or grab(specification.variation, specification.speed_m_s, specification.squeeze_m, specification.squeeze_s),
         (arms[0].model, arms[1].model),
-        np.array([description.left.home, description.right.home]),
+        description.home,
         description.objects[specification.object],
         description.table,
         period_s,
@@ -53,7 +74,7 @@ def run_demonstration(
     plan = SessionPlan(targets, targets, Mode.TELEOPERATION, stiffness, period_s, phase=ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         settle = partial(settle_load, description, specification.object, context)
-        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0, settle=settle)
+        outcome = run.follow(cell, settle=settle)
         return run.finished(_result(specification, cell.name, outcome, run))
 
 
@@ -65,17 +86,7 @@ def _result(
     reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
     if reason is None and impact_s is None:
         reason = "no impact was detected"
-    return DemonstrationResult(
-        success=reason is None,
-        failure_reason=reason,
-        object=specification.object,
-        variation=specification.variation,
-        seed=specification.seed,
-        cell=cell,
-        detected_impact_time_s=impact_s,
-        max_lift_mm=values.max_lift_mm,
-        ticks=values.ticks,
-        missed_deadlines=outcome.missed_deadlines,
-        safety_interventions=outcome.safety_interventions,
-        log=run.log_name,
-    )
+    return like(
+        DemonstrationResult, specification, values, outcome, success=reason is None, failure_reason=reason, cell=cell,
+        detected_impact_time_s=impact_s, log=run.log_name,
+    )  # fmt: skip

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from rtstack.control.parameters import DetectorParameters
 from rtstack.model.cell_description import CellDescription, base_frame
-from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
 LOOKS = 50  # states: 50 ms
@@ -17,16 +16,16 @@ LOOKS = 50  # states: 50 ms
 REST_SHARE = 0.75
 
 
-def resting_force(cell: Cell, description: CellDescription, looks: int = LOOKS) -> NDArray[np.float64]:
-    """Return the mean force (2, 3) of both pads on their surroundings along the world's axes, N. Raises
+def resting_force(cell: Cell, description: CellDescription) -> NDArray[np.float64]:
+    """Return the mean force (arms, 3) of each pad on their surroundings along the world's axes, N. Raises
     HardwareError."""
-    forces = np.zeros((2, 3))
-    for _ in range(looks):
-        for side, arm in enumerate((cell.left, cell.right)):
-            forces[side] += arm.read().O_F_ext_hat_K[:3] / looks
+    forces = np.zeros((len(cell.arms), 3))
+    for _ in range(LOOKS):
+        for side, arm in enumerate(cell.arms):
+            forces[side] += arm.read().O_F_ext_hat_K[:3] / LOOKS
     return np.stack([
         base_frame(mounting).rotation @ force
-        for mounting, force in zip((description.left, description.right), forces, strict=True)
+        for mounting, force in zip(description.arms, forces, strict=True)
     ])  # fmt: skip
 
 
@@ -41,7 +40,7 @@ def check_estimate(cell: Cell, description: CellDescription, detector: DetectorP
         return ""
     said = []
     largest = REST_SHARE * detector.largest_tare_n
-    for side, force in zip(SIDES, resting_force(cell, description), strict=True):
+    for side, force in zip(cell.sides, resting_force(cell, description), strict=True):
         size = float(np.linalg.norm(force))
         if size == 0.0:
             raise TrialError(

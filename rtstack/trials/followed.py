@@ -4,8 +4,8 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtstack.log.job import Attachment
 from rtstack.log.reader import Log
+from rtstack.log.writing.job import Attachment
 from rtstack.trials.errors import TrialError
 
 REFERENCE = "reference"  # the metadata record

@@ -1,5 +1,6 @@
 """The file of an identified friction: what `rtstack identify-friction` writes, and what a cell or a trial names."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, NotNegative, Real, load_toml, toml_text
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Real, load_toml, toml_text
 from rtstack.control.parameters import FrictionParameters
 from rtstack.samples import SIDES
 
@@ -40,25 +41,30 @@ class ArmFriction:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class FrictionFile:
-    """Both arms' friction, and where it comes from. runs: N_fric of (31)."""
+    """Each arm's friction, None for an arm that was not there, and where it comes from. runs: N_fric of (31)."""
 
     cell: str
     seed: Annotated[int, Field(ge=0)]
     runs: Annotated[int, Field(ge=1)]
-    left: ArmFriction
-    right: ArmFriction
+    left: ArmFriction | None = None
+    right: ArmFriction | None = None
 
 
-def load_friction(path: Path) -> tuple[FrictionParameters, FrictionParameters]:
-    """Return the left and the right arm's friction. Raises ConfigurationError with one line that names the key."""
-    file = load_toml(path, FrictionFile)
-    return file.left.parameters(), file.right.parameters()
+def load_friction(path: Path, sides: Sequence[str] = SIDES) -> tuple[FrictionParameters, ...]:
+    """Return the friction of the arms of these sides. Raises ConfigurationError with one line that names the key."""
+    file, found = load_toml(path, FrictionFile), list[FrictionParameters]()
+    for side in sides:
+        arm: ArmFriction | None = getattr(file, side)
+        if arm is None:
+            raise ConfigurationError(f"{path}: key {side}: there is no friction of the {side} arm: identify it")
+        found.append(arm.parameters())
+    return tuple(found)
 
 
 def friction_toml(file: FrictionFile) -> str:
     """Return the text of a friction file."""
-    document = asdict(file)
-    for side in SIDES:
+    document = {key: value for key, value in asdict(file).items() if value is not None}
+    for side in document.keys() & set(SIDES):
         document[side] = {name: [round(v, 6) for v in values] for name, values in document[side].items()}
     return toml_text(
         document,

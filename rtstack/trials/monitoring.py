@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, from_document, load_toml
+from hal.base.configuration import STRICT, ConfigurationError, from_document, load_toml
 from rtstack.log.reader import read_log
 from rtstack.monitor.pair import PairParameters
 from rtstack.references.planned import MONITOR

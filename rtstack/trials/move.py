@@ -1,101 +1,171 @@
-"""Runs a motion that an operator asks for on a cell: go to the start, put down what is held, open.
+"""Runs that an operator asks for on a cell: go to the start, put down what is held, open; and lead both arms by hand.
 
-It begins where the arms are, after a stop or a fault too, on the cell as it is: what they hold is not let go.
+A motion begins where the arms are, after a stop or a fault too, on the cell as it is: what they hold is not let go. In
+guide mode a person moves the arms by hand, also back from beyond a limit, for as long as the key is held.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from hal.cell import Cell
+from hal.errors import HardwareError
+from rtstack.control.controller import ObservedArm
+from rtstack.control.guiding import GuidingLaw
 from rtstack.control.modes import Strategy
+from rtstack.control.records import POINT
+from rtstack.control.tick import CellController
+from rtstack.loop.end import End
 from rtstack.loop.session import SessionPlan
-from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.loop.watchdogs import WatchdogTrip
+from rtstack.model.cell_description import CellDescription, LoadPolicy, base_frame
 from rtstack.references.demonstration import end_effector_pose
-from rtstack.safety.limits import ForcePhase, PairLimits
+from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing
+from rtstack.safety.limits import ForcePhase
+from rtstack.samples import Level
 from rtstack.teleoperation.mover import Home, Mover
 from rtstack.teleoperation.reach import Reach
-from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
+from rtstack.trials.assembly import ControllerRequest, Parameters, arm_controllers, cell_parameters
+from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
-from rtstack.trials.look import object_before
-from rtstack.trials.result import MoveResult
+from rtstack.trials.result import GuideResult, MoveResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
-from rtstack.trials.specification import HandMotion, MoveSpecification
+from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification, like
+from rtstack.trials.start_motion import StartMotion, object_before
 from rtstack.trials.tightening import limits_of_arms
 
 HELD_N = 5.0  # on both pads, away from each other: the impact detector's force_high
 ON_TABLE_M = 0.015  # below it an object that the tracker sees stands on the table
 OPENING_M = 0.08
 LOOKS = 20  # states that a force is the mean of
+_RELEASED = (End.RELEASED, End.STOP_REQUESTED, End.COMPLETED)
+# Ends after which nothing moves by itself: a person has asked for the stop or is not there, or a robot has left torque
+# control and has to be recovered first. What is held stays held then, by the robots' own position controllers.
+HELD_AFTER = frozenset(
+    (
+        End.COMPLETED, End.STOP_REQUESTED, End.RELEASED, End.CLUTCH_QUIET, End.CONSOLE_GONE, End.OPERATOR_GONE,
+        End.POLICY_QUIET, End.PARENT_GONE, End.HARDWARE, End.CRASH, End.NOT_AT_REST, End.LOG_FAILED,
+        End.TORQUE_NOT_TAKEN,
+    )
+)  # fmt: skip
+_MOTIONS = {LoadPolicy.LOWER: HandMotion.PUT_DOWN, LoadPolicy.RELEASE: HandMotion.OPEN}
 
 
 @dataclass(frozen=True, slots=True)
-class PreparedMove:
-    """A motion that may be begun."""
+class PreparedMove(PreparedRun[MoveResult]):
+    """A motion from where the arms of the open cell are. let_fall: it may open above the table, too."""
 
+    keeps_open_cell: ClassVar[bool] = True
     specification: MoveSpecification
-    description: CellDescription
-    parameters: Parameters
-    limits: PairLimits
+    let_fall: bool = False
+
+    def look(self, cell: Cell) -> str:
+        """See PreparedRun: whether the motion may begin. Raises TrialError with one line, HardwareError."""
+        held, above = holds(cell, self.description), _above_table(cell, self.description, self.specification.object)
+        match self.specification.motion:
+            case HandMotion.PUT_DOWN if not held:
+                raise TrialError("nothing is held between the pads: there is nothing to put down")
+            case HandMotion.START if held:
+                raise TrialError("the pads hold something: put it down first")
+            case HandMotion.OPEN if self.let_fall and not held:
+                raise TrialError("nothing is held between the pads")
+            case HandMotion.OPEN if held and not self.let_fall and (above is None or above > ON_TABLE_M):
+                where = "above the table" if above is None else f"{1e3 * above:.0f} mm above the table"
+                raise TrialError(f"what the pads hold is {where}, and would fall: put it down first")
+        return ""
+
+    def start_motion(self, cell: Cell) -> None:
+        """See PreparedRun: it begins where the arms are."""
+
+    def run(self, cell: Cell, context: RunContext = NO_CONTEXT, way: StartMotion | None = None) -> MoveResult:
+        """See PreparedRun."""
+        specification, description = self.specification, self.description
+        parameters, limits = cell_parameters(description), limits_of_arms(description)
+        control, motion = parameters.control, specification.motion
+        stiffness = control.stiffness_teleoperation
+        home = _home(description, parameters) if motion is HandMotion.START else None
+        reach = Reach.within(limits[0])
+        lowers = motion is HandMotion.PUT_DOWN
+        mover = Mover(reach, float(stiffness[0]), OPENING_M, lowers, home, len(description.arms))
+        phase = ForcePhase.APPROACH if motion is HandMotion.START else ForcePhase.CONTACT
+        plan = SessionPlan.from_source(mover, stiffness, control.period_s, phase)
+        with Run(description, parameters, plan, limits, context.with_watchdog(mover), None) as run:
+            run.share = lambda: mover.share
+            outcome = run.follow(cell)
+            reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions) or mover.problem or None
+            result = like(
+                MoveResult, specification, outcome, success=reason is None, failure_reason=reason, motion=str(motion),
+                cell=cell.name, lowered_mm=1e3 * mover.lowered_m, log=run.log_name,
+            )  # fmt: skip
+            return run.finished(result)
 
 
-def prepare_move(
-    specification: MoveSpecification, description: CellDescription, cell: Cell, *, let_fall: bool = False
-) -> PreparedMove:
-    """Look at an open cell whether a motion may begin. let_fall: what is held above the table, too.
+@dataclass(frozen=True, slots=True)
+class PreparedGuide(PreparedRun[GuideResult]):
+    """A person pushes both arms of the open cell."""
 
-    Raises TrialError with one line, HardwareError from the arms.
-    """
-    held, above = _held(cell, description), _above_table(cell, description, specification.object)
-    match specification.motion:
-        case HandMotion.PUT_DOWN if not held:
-            raise TrialError("nothing is held between the pads: there is nothing to put down")
-        case HandMotion.START if held:
-            raise TrialError("the pads hold something: put it down first")
-        case HandMotion.OPEN if let_fall and not held:
-            raise TrialError("nothing is held between the pads")
-        case HandMotion.OPEN if held and not let_fall and (above is None or above > ON_TABLE_M):
-            where = "above the table" if above is None else f"{1e3 * above:.0f} mm above the table"
-            raise TrialError(f"what the pads hold is {where}, and would fall: put it down first")
-    return PreparedMove(specification, description, cell_parameters(description), limits_of_arms(description))
+    keeps_open_cell: ClassVar[bool] = True
+    led: ClassVar[bool] = True
+    logged: ClassVar[bool] = False
+    specification: GuideSpecification
+
+    def start_motion(self, cell: Cell) -> None:
+        """See PreparedRun: it begins where the arms are."""
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None = None) -> GuideResult:
+        """See PreparedRun: until a watchdog or the stop of the context ends it, or its seconds are over.
+
+        Raises TrialError with one line where an arm stands at the robot's own limit; HardwareError, RecoveryRefused
+        from the arms.
+        """
+        description = self.description
+        limits = limits_of_arms(description)
+        for arm in cell.arms:
+            arm.recover()
+        where = where_arms_stand(description, cell)
+        if stuck := outside_robot(limits, where, description.sides):
+            raise TrialError(
+                f"{stuck}: no program may move it there; move it on its Desk page, with the enabling device"
+            )
+        sides = description.sides
+        before = beyond(limits, where, sides)
+        hand, parameters = _Hand(self.specification.seconds, len(sides)), cell_parameters(description)
+        control = parameters.control
+        plan = SessionPlan.from_source(hand, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
+
+        def controller(request: ControllerRequest) -> CellController:
+            laws = [
+                GuidingLaw(arm, limits[side], beyond_limits(limits[side], where, side))
+                for side, arm in enumerate(request.arms)
+            ]
+            return request.pair(request.modes(Strategy.PROPOSED), laws)
+
+        context = context.with_watchdog(hand)
+        with Run(description, parameters, plan, guided_limits(limits, where), context, None) as run:
+            outcome = run.follow(cell, controller)
+            ended = outcome.end in _RELEASED
+            reason = None if ended else failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+            there = where if outcome.end is End.HARDWARE else where_arms_stand(description, cell)
+            result = GuideResult(
+                success=reason is None, failure_reason=reason, cell=cell.name,
+                pads=tuple(tuple(face) for face in there.face.round(4).tolist()),
+                beyond_before=before, beyond_after=beyond(limits, there, sides),
+                safety_interventions=outcome.safety_interventions, log=run.log_name,
+            )  # fmt: skip
+            return run.finished(result)
 
 
-def run_move(prepared: PreparedMove, cell: Cell, context: RunContext = NO_CONTEXT) -> MoveResult:
-    """Carry a prepared motion out on the same open cell. Closes the log, not the cell."""
-    specification, description, parameters = prepared.specification, prepared.description, prepared.parameters
-    control, motion = parameters.control, specification.motion
-    stiffness = control.stiffness_teleoperation
-    home = _home(description, parameters) if motion is HandMotion.START else None
-    reach = Reach.within(prepared.limits[0])
-    mover = Mover(reach, float(stiffness[0]), OPENING_M, motion is HandMotion.PUT_DOWN, home)
-    phase = ForcePhase.APPROACH if motion is HandMotion.START else ForcePhase.CONTACT
-    plan = SessionPlan.guided(mover, stiffness, control.period_s, phase)
-    with Run(description, parameters, plan, prepared.limits, context.with_watchdog(mover), None) as run:
-        run.share = lambda: mover.share
-        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
-        reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions) or mover.problem or None
-        result = MoveResult(
-            success=reason is None,
-            failure_reason=reason,
-            motion=str(motion),
-            object=specification.object,
-            cell=cell.name,
-            lowered_mm=1e3 * mover.lowered_m,
-            missed_deadlines=outcome.missed_deadlines,
-            safety_interventions=outcome.safety_interventions,
-            log=run.log_name,
-        )
-        return run.finished(result)
-
-
-def _held(cell: Cell, description: CellDescription) -> bool:
-    """Whether both pads are pressed away from each other."""
-    bases = base_frame(description.left), base_frame(description.right)
+def holds(cell: Cell, description: CellDescription) -> bool:
+    """Whether both pads are pressed away from each other; one pad alone holds nothing."""
+    if len(description.arms) == 1:
+        return False
+    bases = tuple(map(base_frame, description.arms))
     forces = np.zeros(2)
     for _ in range(LOOKS):
-        for side, arm in enumerate((cell.left, cell.right)):
+        for side, arm in enumerate(cell.arms):
             # the world's y of what the object does to the pad
             forces[side] -= (bases[side].rotation @ arm.read().record["O_F_ext_hat_K"][0, :3])[1] / LOOKS
     return bool(forces[0] > HELD_N and -forces[1] > HELD_N)
@@ -111,7 +181,62 @@ def _above_table(cell: Cell, description: CellDescription, name: str) -> float |
 
 def _home(description: CellDescription, parameters: Parameters) -> Home:
     arms = arm_controllers(description, parameters)
-    homes = np.array([description.left.home, description.right.home])
+    homes = description.home
     poses = [end_effector_pose(arm.model, q) for arm, q in zip(arms, homes, strict=True)]
     joint = arms[0].parameters.posture_joint
     return Home(np.array([p for p, _ in poses]), np.array([R for _, R in poses]), homes[:, joint].copy())
+
+
+class _Hand:
+    """A point source whose points are where the arms are, and a watchdog that ends it after so many seconds."""
+
+    def __init__(self, seconds: float | None, arms: int) -> None:
+        self.points = np.zeros((arms, 1), POINT)
+        self._most_ns = None if seconds is None else round(seconds * 1e9)
+        self._began_ns: int | None = None
+        self._now_ns = 0
+
+    def listen(self) -> None:
+        """See rtstack.loop.session.PointSource: nothing is asked for."""
+
+    def step(self, side: int, arm: ObservedArm) -> None:
+        """Write where the arm is: there is nothing to be followed."""
+        point, work = self.points[side], arm.workspace[0]
+        point["position"], point["rotation"] = work["position"], work["rotation"]
+        if side == 0:
+            self._now_ns = int(arm.sample["t_ns"][0])
+            self._began_ns = self._now_ns if self._began_ns is None else self._began_ns
+
+    def trip(self) -> WatchdogTrip | None:
+        """See rtstack.loop.watchdogs.Watchdog."""
+        if self._most_ns is None or self._began_ns is None or self._now_ns - self._began_ns < self._most_ns:
+            return None
+        return WatchdogTrip(End.COMPLETED, "", Level.INFO)
+
+
+def where_arms_stand(description: CellDescription, cell: Cell) -> Standing:
+    """Return where the arms of an open cell stand. Raises HardwareError."""
+    q = np.array([arm.read().q for arm in cell.arms])
+    return standing(q, description.bases, description.tools, limits_of_arms(description))
+
+
+def settle_load(description: CellDescription, object_name: str, context: RunContext, cell: Cell, end: End) -> str:
+    """Do what the cell's file says after a run that ended so, with both arms at rest; return it in one line, "" where
+    nothing was done. Never raises for what a robot does.
+
+    The motion has the run's stop and watchdogs, and no log of its own: the run's log has the line.
+    """
+    motion = _MOTIONS.get(description.load_after_stop)
+    if motion is None or end in HELD_AFTER:
+        return ""
+    specification = MoveSpecification(motion, object_name)
+    quiet = RunContext(None, context.live, context.stop, None, context.watchdogs)
+    prepared = PreparedMove(specification, description, let_fall=motion is HandMotion.OPEN)
+    try:
+        prepared.look(cell)
+        result = prepared.run(cell, quiet)
+    except (TrialError, HardwareError) as error:
+        return f"the load stays as it is: {error}"
+    if not result.success:
+        return f"the load stays as it is: {result.failure_reason}"
+    return f"lowered by {result.lowered_mm:.0f} mm" if motion is HandMotion.PUT_DOWN else "let go of where it was"

@@ -19,6 +19,15 @@ def check_object(name: str, description: CellDescription) -> None:
         )
 
 
+def check_two_arms(description: CellDescription, what: str) -> None:
+    """Raise TrialError where a cell has one arm; what: the run, which is made by two."""
+    if len(description.arms) == 1:
+        raise TrialError(
+            f"{what} takes two arms, and the cell {description.name} has the {description.sides[0]} one alone: "
+            "give a cell's file, and addresses, of two"
+        )
+
+
 def object_of(reference: Path) -> str:
     """Return the object that a recording or a plan is about. Raises TrialError with one line."""
     try:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from hal.realtime import scheduling
+from hal.base.realtime import scheduling
 
 PACKAGES = ("rtstack", "numpy", "numba", "pin", "mujoco", "proxsuite", "daqp", "foxglove-sdk")
 

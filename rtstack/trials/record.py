@@ -1,27 +1,31 @@
 """The log of one trial: rings, log process, and what is written about the trial besides its samples."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from hal.base.files import replacing
+from hal.base.realtime import obtainable
 from hal.cell import Cell
-from hal.realtime import obtainable
 from hal.robots import FR3
 from rtstack.cameras.start import Cameras
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
+from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
+from rtstack.log.writing.mcap_writer import BatchWriter, McapWriter
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns, History
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.spreading import ExtendedReference
-from rtstack.samples import SIDES
+from rtstack.samples import SIDES, LawInertia
 from rtstack.trials.controllers import CONTROLLERS
 from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
-from rtstack.trials.specification import Specification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, Specification, TrialSpecification
 
 LOCKSTEP_KINDS = ("direct", "lockstep")  # our cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
@@ -32,73 +36,50 @@ _END_S = 60.0  # for the log process to read what is left
 _END_OF_HANGING_S = 2.0
 
 
-class RunLog(Protocol):
-    """What keeps a run's samples and its result. One of the run's watchdogs: `trip` says that the log has failed.
+class RunLog:
+    """What keeps a run's samples and its result; by itself it keeps nothing, and cannot fail.
 
     path: of the file. cameras: whose pictures go into it. evidence: of a fault, set before `close`, which writes it.
     """
 
-    path: Path
-    cameras: Cameras | None
-    evidence: Evidence | None
+    def __init__(self, path: Path, cameras: Cameras | None = None) -> None:
+        self.path = path
+        self.cameras = cameras
+        self.evidence: Evidence | None = None
 
     @property
     def listening(self) -> tuple[Rings, ...]:
         """The rings that the run publishes to."""
-        ...
+        return ()
 
     def take_from(self, history: History) -> None:
         """Learn where the run keeps its samples."""
-        ...
 
     def wait_ready(self) -> None:
         """Wait until samples are being kept: no arm moves before that. Raises LogError."""
-        ...
 
     def trip(self) -> WatchdogTrip | None:
-        """Return how the run has to end, None while the log is well. Never waits."""
-        ...
+        """Return how the run has to end, None while the log is well. Never waits: a log is a watchdog of its run."""
 
     def wait_for_room(self) -> None:
         """Between two ticks: wait, where the run may, until there is room for more samples. Never raises."""
-        ...
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the result. Returns None, or in one line why the log is not complete."""
-        ...
 
     def abandon(self) -> None:
         """Finish without a result, when something worse has happened. Never raises."""
-        ...
 
 
-class RunSamples:
-    """A RunLog that keeps the samples of a run in memory, as `columns` once it is closed, and writes nothing."""
+class RunSamples(RunLog):
+    """Keeps the samples of a run in memory, as `columns` once it is closed, and writes nothing."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.cameras: Cameras | None = None
-        self.evidence: Evidence | None = None
-        self.columns: Columns | None = None
-        self.history: History | None = None
-
-    @property
-    def listening(self) -> tuple[Rings, ...]:
-        """See RunLog: none, there are no readers during the run."""
-        return ()
+    columns: Columns | None = None
+    history: History | None = None
 
     def take_from(self, history: History) -> None:
         """See RunLog."""
         self.history = history
-
-    def wait_ready(self) -> None:
-        """See RunLog: there is nothing to wait for."""
-
-    def trip(self) -> None:
-        """See RunLog: nothing is written meanwhile, and nothing can fail."""
-
-    def wait_for_room(self) -> None:
-        """See RunLog: there is room for the whole run."""
 
     def close(self, result: dict[str, Any]) -> str | None:
         """See RunLog."""
@@ -106,12 +87,9 @@ class RunSamples:
             self.columns = self.history.columns()
         return None
 
-    def abandon(self) -> None:
-        """See RunLog."""
 
-
-class TrialLog:
-    """A RunLog that another process writes meanwhile.
+class TrialLog(RunLog):
+    """A log that another process writes meanwhile.
 
     lockstep: the robot waits for its answer, so that the run may wait for the log.
     """
@@ -119,10 +97,8 @@ class TrialLog:
     def __init__(
         self, path: Path, rings: Rings, process: LogProcess, lockstep: bool, cameras: Cameras | None = None
     ) -> None:
-        self.path = path
+        super().__init__(path, cameras)
         self.rings = rings
-        self.cameras = cameras
-        self.evidence: Evidence | None = None
         self._trouble, self._hangs = "", False
         self._process = process
         self._lockstep = lockstep
@@ -131,9 +107,6 @@ class TrialLog:
     def listening(self) -> tuple[Rings, ...]:
         """See RunLog."""
         return (self.rings,)
-
-    def take_from(self, history: History) -> None:
-        """See RunLog: the rings have the samples."""
 
     def wait_ready(self) -> None:
         """See RunLog."""
@@ -192,6 +165,38 @@ class TrialLog:
         self.rings.close()
 
 
+class WholeRunLog(RunSamples):
+    """The log of a run whose history is kept: the file of any trial, written by `close` once the arms are at rest.
+
+    A lockstep run has no deadline, so that neither rings nor the log process, whose start costs half a trial, are
+    needed. The file gets its name when it is complete: a worker that is killed leaves no half log under a trial's id.
+    """
+
+    def __init__(
+        self, path: Path, metadata: dict[str, dict[str, str]], attachments: list[Attachment], frames: CellFrames
+    ) -> None:
+        super().__init__(path)
+        self._metadata = metadata
+        self._attachments = attachments
+        self._frames = frames
+
+    def close(self, result: dict[str, Any]) -> str | None:
+        """Write the file. Returns None, or in one line why there is none. `columns` are the samples from now on."""
+        super().close(result)
+        try:
+            # under a name of its own: a worker that was cut off may still write what another one has taken over
+            with replacing(self.path) as partial, open(partial, "wb") as file:
+                mcap = McapWriter(file)
+                mcap.begin(self._metadata.items(), self._attachments)
+                writer = BatchWriter(mcap, Scenery(self._frames))
+                if self.history is not None:
+                    writer.write(self.history.batches())
+                writer.finish(result, "closed", self.evidence, {})
+        except OSError as error:
+            return f"the log {self.path} was not written: {error.strerror or error}"
+        return None
+
+
 def open_log(
     path: Path,
     specification: Specification,
@@ -204,14 +209,18 @@ def open_log(
     followed: Followed | None = None,
     overwrite: bool = False,
     cell: Cell | None = None,
+    campaign: Mapping[str, str] | None = None,
 ) -> TrialLog:
     """Start the log of a trial, with its reference's times and file if it has one. Raises LogError.
+
+    campaign: the metadata record of that name.
 
     cell: tells whether its robot waits, and keeps a clock's pace; without it the name of one of our kinds does.
     """
     lockstep = cell_kind.partition(":")[0] in LOCKSTEP_KINDS if cell is None else not cell.own_clocks
     timed = not lockstep or (cell is not None and cell.paced)
-    metadata = {"trial": trial_metadata(specification, cell_kind, reference, timed)}
+    metadata = {"trial": trial_metadata(specification, cell_kind, reference, timed, description.gains.law_inertia)}
+    metadata |= {} if campaign is None else {"campaign": dict(campaign)}
     try:
         attached = () if followed is None else followed.attachments()
         metadata |= {} if followed is None else {REFERENCE: followed.record()}
@@ -256,8 +265,15 @@ def trial_metadata(
     cell_kind: str,
     reference: ExtendedReference | None,
     timed: bool = False,
+    law_inertia: LawInertia = LawInertia.LINKS_AND_MOTORS,
 ) -> dict[str, str]:
-    """Return the metadata record `trial`: nested values are JSON. timed: with what the loop gets of the host."""
+    """Return the metadata record `trial`: nested values are JSON. timed: with what the loop gets of the host.
+
+    law_inertia: of the cell's controller; it is put into a specification that names none.
+    """
+    if isinstance(specification, TrialSpecification | DemonstrationSpecification):
+        law_inertia = specification.law_inertia or law_inertia
+        specification = replace(specification, law_inertia=law_inertia)
     realtime = {f"loop_{k}": v for k, v in obtainable().as_dict().items()} if timed else {}
     times = {}
     if reference is not None:
@@ -272,6 +288,7 @@ def trial_metadata(
         "object": specification.object,
         "seed": str(specification.seed),
         "cell": cell_kind,
+        "law_inertia": str(law_inertia),
         "versions": json.dumps(_versions(specification)),
         "git_commit": git_commit(),
         "host": json.dumps(host_report() | realtime),
@@ -282,8 +299,10 @@ def trial_metadata(
 def cell_attachments(cell_file: Path, description: CellDescription) -> list[Attachment]:
     """Return the cell's file and its arms' URDFs as every log has them: MODEL.urdf, or SIDE_MODEL.urdf where they
     differ. Raises OSError."""
-    left, right = description.robots
-    models = {left.name: left} if left is right else {f"left_{left.name}": left, f"right_{right.name}": right}
+    robots = description.robots
+    models = {robots[0].name: robots[0]}
+    if any(robot is not robots[0] for robot in robots):
+        models = {f"{side}_{robot.name}": robot for side, robot in zip(description.sides, robots, strict=True)}
     urdfs = [Attachment(f"{name}.urdf", "application/xml", model.urdf.encode()) for name, model in models.items()]
     return [Attachment("cell.toml", "application/toml", cell_file.read_bytes()), *urdfs]
 
@@ -298,11 +317,26 @@ def logged_urdfs(attachments: Sequence[Attachment]) -> tuple[str, str]:
 
 def frames(description: CellDescription, object_name: str) -> CellFrames:
     """Return where the arms stand and how large pads and object are, for /tf and for who draws the log."""
-    mounts, (left, right) = base_poses(description), description.pads
+    mounts = dict(zip(description.sides, base_poses(description), strict=True))
+    sizes = dict(zip(description.sides, (pad.size for pad in description.pads), strict=True))
+    robots, nowhere = dict(zip(description.sides, description.robots, strict=True)), (0.0, 0.0, 0.0)
     thing = description.objects.get(object_name)
     table = description.table
     return CellFrames(
-        mounts[0], mounts[1], (left.size, right.size), thing.size if thing else (0.0, 0.0, 0.0),
+        mounts.get("left"), mounts.get("right"), (sizes.get("left", nowhere), sizes.get("right", nowhere)),
+        thing.size if thing else nowhere,
         (*table.centre_xy, 0.5 * table.top_z), (*table.size_xy, table.top_z),
-        description.left.robot.urdf, description.right.robot.urdf,
+        robots.get("left", FR3).urdf, robots.get("right", FR3).urdf,
     )  # fmt: skip
+
+
+def whole_run_log(
+    path: Path, specification: Specification, description: CellDescription, attachments: list[Attachment],
+    cell_kind: str, *, reference: ExtendedReference | None = None,
+    law_inertia: LawInertia = LawInertia.LINKS_AND_MOTORS, campaign: dict[str, str] | None = None,
+) -> WholeRunLog:  # fmt: skip
+    """Return the log of a campaign's run. campaign: the metadata record of that name; the rest: see trial_metadata."""
+    metadata = {"trial": trial_metadata(specification, cell_kind, reference, law_inertia=law_inertia)}
+    if campaign is not None:
+        metadata["campaign"] = campaign
+    return WholeRunLog(path, metadata, attachments, frames(description, specification.object))

@@ -121,6 +121,26 @@ class PlaybackResult(Result):
 
 
 @dataclass(frozen=True, slots=True)
+class PlacementResult(Result):
+    """What came out of placing an object. carried: the motion went to its end. off_mm, off_deg: how far the object
+    stands from where it was wanted, as the tracker sees it, None where it does not; peak_force_n: the largest estimated
+    force on a pad."""
+
+    object: str
+    x_mm: float
+    y_mm: float
+    yaw_deg: float
+    cell: str
+    carried: bool
+    off_mm: float | None
+    off_deg: float | None
+    peak_force_n: float
+    missed_deadlines: int
+    safety_interventions: int
+    log: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class MoveResult(Result):
     """What came out of a motion that an operator asked for. lowered_mm: how far what was held came down."""
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.parameters import DetectorParameters
-from rtstack.log.derived import base_pose
-from rtstack.log.lateness import Lateness, lateness_of
+from rtstack.log.analysis.derived import base_pose
+from rtstack.log.analysis.lateness import Lateness, lateness_of
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
@@ -22,7 +22,8 @@ from rtstack.trials.scoring import Score, SuccessCriterion, score
 @dataclass(frozen=True, slots=True)
 class Review:
     """kind: trial or demonstration; recorded: the result in the log; score: the same from the samples, None for a
-    demonstration; first_contact_s: of the left and right arm, s since the first sample; fault: what ended the session,
+    demonstration; sides: of the arms that it has; first_contact_s: of each of them, s since the first sample; fault:
+    what ended the session,
     where it was one; lateness: who was late, where each arm had a clock of its own."""
 
     path: Path
@@ -32,8 +33,9 @@ class Review:
     trial: dict[str, str]
     recorded: dict[str, str]
     score: Score | None
-    first_contact_s: tuple[float | None, float | None]
+    first_contact_s: tuple[float | None, ...]
     events: tuple[Event, ...]
+    sides: tuple[str, ...] = SIDES
     fault: dict[str, str] | None = None
     lateness: Lateness | None = None
 
@@ -78,16 +80,17 @@ def review_log(path: Path) -> Review:
         trial=dict(trial),
         recorded=dict(recorded),
         score=values,
-        first_contact_s=(_first_contact(columns, 0, start_t_ns), _first_contact(columns, 1, start_t_ns)),
+        first_contact_s=tuple(_first_contact(columns, k, start_t_ns) for k in range(len(columns.arm))),
         events=log.events,
+        sides=log.sides,
         fault=log.metadata.get("fault"),
         lateness=lateness_of(log),
     )
 
 
-def _bases(log: Log) -> tuple[Array, Array] | None:
-    left, right = (base_pose(log, side) for side in SIDES)
-    return None if left is None or right is None else (left, right)
+def _bases(log: Log) -> tuple[Array, ...] | None:
+    poses = [pose for side in log.sides if (pose := base_pose(log, side)) is not None]
+    return tuple(poses) if len(poses) == len(log.sides) else None
 
 
 def log_columns(log: Log) -> Columns:

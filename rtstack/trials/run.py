@@ -1,29 +1,32 @@
-"""A run: one session on a cell, with its history, its log, and its context."""
+"""A run: one session on a cell, with its history, its log, its context, and what the log keeps of a fault."""
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from io import BytesIO
 from typing import Any, Self, TypeVar
 
+import numpy as np
+
+from hal.base.realtime import realtime_thread
 from hal.cell import Cell
 from hal.errors import HardwareError
-from hal.realtime import realtime_thread
 from hal.sensor import Sensor
+from rtstack.control.modes import Strategy
 from rtstack.control.watch import TrialMonitor
+from rtstack.log.writing.job import Attachment, Evidence
 from rtstack.loop.end import End
-from rtstack.loop.fault import Fault
-from rtstack.loop.history import History
+from rtstack.loop.fault import FailedQp, Fault
+from rtstack.loop.history import Columns, History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Session, SessionOutcome, SessionPlan
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.safety.limits import ForcePhase, PairLimits
-from rtstack.samples import Level
-from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, dual_arm_controller, safety_judges
-from rtstack.trials.evidence import evidence_of
+from rtstack.samples import Level, QpSolver
+from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, cell_controller, following, safety_judges
 from rtstack.trials.result import Result
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import RunContext, RunEvent
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
@@ -34,6 +37,64 @@ SPARE_TICKS = 1500  # of history, for the stop after the reference
 NEWEST_TICKS = 4000  # of history, where a run has no length: a fault's last second, and the stop after it
 
 Kind = TypeVar("Kind", bound=Result)
+_PROPOSED = following(Strategy.PROPOSED)
+BEFORE_NS, AFTER_NS = 1_000_000_000, 100_000_000  # of the last second: the fault's tick, and how the stop begins
+_NPZ = "application/x-npz"
+
+
+def evidence_of(fault: Fault, columns: Columns, solver: QpSolver) -> Evidence:
+    """Return what the log keeps of a fault. columns: what the run has published, whatever the rings have lost of it.
+
+    last_second.npz: arm and control (2, n), timing (n,) and object (m,), records of rtstack.samples, and t_ns, the
+    fault's. qp.npz: min 1/2 x^T H x + g^T x, lower <= x <= upper, tau_lower <= M x <= tau_upper, x (7,) rad/s^2.
+    """
+    attachments = [Attachment("last_second.npz", _NPZ, _last_second(fault.t_ns, columns))]
+    if fault.qp is not None:
+        attachments.append(Attachment("qp.npz", _NPZ, _qp(fault.qp, solver)))
+    if fault.traceback:
+        attachments.append(Attachment("traceback.txt", "text/plain", fault.traceback.encode()))
+    trip = fault.trip
+    record = {
+        "end": str(trip.end),
+        "detail": trip.detail,
+        "side": trip.side,
+        "joint": str(trip.joint or ""),
+        "value": "" if np.isnan(trip.value) else repr(trip.value),
+        "bound": "" if np.isnan(trip.bound) else repr(trip.bound),
+        "t_ns": str(fault.t_ns),
+        "reaction_ticks": "" if fault.reaction_ticks is None else str(fault.reaction_ticks),
+        "evidence": ", ".join(attachment.name for attachment in attachments),
+    }
+    return Evidence(record, tuple(attachments))
+
+
+def _last_second(t_ns: int, columns: Columns) -> bytes:
+    def near(times: Any) -> Any:
+        return (times >= t_ns - BEFORE_NS) & (times <= t_ns + AFTER_NS)
+
+    rows = near(columns.timing["t_ns"])
+    return _npz(
+        arm=columns.arm[:, rows],
+        control=columns.control[:, rows],
+        timing=columns.timing[rows],
+        object=columns.object[near(columns.object["t_ns"])],
+        t_ns=t_ns,
+    )
+
+
+def _qp(qp: FailedQp, solver: QpSolver) -> bytes:
+    problem = qp.problem[0]
+    return _npz(
+        H=problem["H"], g=problem["gradient"], lower=problem["lower"], upper=problem["upper"], M=problem["M"],
+        tau_lower=problem["tau_lower"], tau_upper=problem["tau_upper"], x=problem["ddq"], side=qp.side,
+        status=qp.status.name, iterations=qp.iterations, solver=str(solver),
+    )  # fmt: skip
+
+
+def _npz(**arrays: Any) -> bytes:
+    file = BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
 
 
 class Run:
@@ -62,8 +123,10 @@ class Run:
         self._leads = leads
         self._watchdogs = (*context.watchdogs, *([context.log] if context.log is not None else []))
         self._publisher: Publisher | None = None
-        endless = plan.guide is not None and not longest
-        self.history = History(NEWEST_TICKS if endless else max(plan.ticks, longest) + SPARE_TICKS, endless)
+        endless = plan.source is not None and not longest
+        self.history = History(
+            NEWEST_TICKS if endless else max(plan.ticks, longest) + SPARE_TICKS, endless, description.sides
+        )
         if context.log is not None:
             context.log.take_from(self.history)
         self.log_name = context.log_name
@@ -93,17 +156,21 @@ class Run:
         self._run_events.append(run_event)
 
     def follow(
-        self, cell: Cell, factory: ControllerFactory, nominal_impact_s: float, watched: Watched | None = None,
-        settle: Callable[[Cell, End], str] | None = None,
+        self, cell: Cell, factory: ControllerFactory = _PROPOSED, nominal_impact_s: float = 0.0,
+        watched: Watched | None = None, settle: Callable[[Cell, End], str] | None = None,
     ) -> SessionOutcome:  # fmt: skip
-        """Follow the plan on the cell to its end. settle: does something about a load that is still held, and says what
-        in one line."""
+        """Follow the plan on the cell to its end, by default with the proposed strategy, no impact meant.
+
+        settle: does something about a load that is still held, and says what in one line.
+        """
         self._limits = limits_of_cell(self._limits, cell)
-        controller = dual_arm_controller(
+        controller = cell_controller(
             self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
         )
         self.monitor = controller.monitor
-        publisher = self._publisher = Publisher(self._context.listening, self.history, cell.sensors, self._leads)
+        publisher = self._publisher = Publisher(
+            self._context.listening, self.history, cell.sensors, self._leads, cell.sides
+        )
         judges = safety_judges(self._description, self._limits)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._context.stop, self._between_ticks,
@@ -128,9 +195,8 @@ class Run:
         return outcome
 
     def _tell_collisions(self, cell: Cell, phase: ForcePhase) -> None:
-        """Tell both robots, which take it between two motions only. Raises CommandRejected, ConnectionLost."""
-        left, right = (limits.collisions(phase) for limits in self._limits)
-        cell.set_collisions(left, right)
+        """Tell the robots, which take it between two motions only. Raises CommandRejected, ConnectionLost."""
+        cell.set_collisions(*(limits.collisions(phase) for limits in self._limits))
 
     def _say_kind(self, outcome: SessionOutcome) -> None:
         """Say what an unexpected impact was, once all of it has been seen."""
@@ -165,7 +231,7 @@ class Run:
         try:
             arrived = True
             if way is not None:
-                t_ns = 0 if cell.waits else cell.left.read().t_ns
+                t_ns = 0 if cell.waits else cell.arms[0].read().t_ns
                 publisher.event(t_ns, Level.INFO, "start", way.summary)
                 self._tell_collisions(cell, ForcePhase.APPROACH)
                 arrived = cell.link.move(way.path.goal, way.limit, stop)
@@ -186,7 +252,7 @@ class Run:
         if index % ROOM_TICKS == 0 and self._log is not None:
             self._log.wait_for_room()
         if self._context.progress is not None and index % PROGRESS_TICKS == 0:
-            if self._plan.guide is None:
+            if self._plan.source is None:
                 self._context.progress(min(1.0, index / self._plan.ticks))
             elif self.share is not None:
                 self._context.progress(self.share())

@@ -1,15 +1,49 @@
 """What accompanies a run: its log, live rings, the stop signal, progress, watchdogs and an observer."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from rtstack.log.ring import Rings
+from rtstack.loop.end import End
+from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.session import StopSignal
 from rtstack.loop.watchdogs import Watchdog
+from rtstack.samples import Level
 from rtstack.trials.record import RunLog
-from rtstack.trials.run_observer import RunObserver
+
+
+@dataclass(frozen=True, slots=True)
+class RunEvent:
+    """An event that came from outside of the loop: its level, its source, one line of text."""
+
+    level: Level
+    name: str
+    text: str
+
+
+class RunObserver(Protocol):
+    """Called between ticks and at the end; never waits or raises."""
+
+    def run_events(self) -> Iterable[RunEvent]:
+        """Return the events since the last call, oldest first."""
+        ...
+
+    def ended(self, end: End, detail: str) -> None:
+        """Receive how the session ended, once both arms are at rest."""
+        ...
+
 
 Progress = Callable[[float], None]
+
+
+class SoftStop(Protocol):
+    """A source of soft-stop requests. Read once a tick."""
+
+    @property
+    def asked(self) -> bool:
+        """Whether it is asked for."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +53,8 @@ class RunContext:
     log: closed by the run, with the result in it; one that could not be finished fails the run, and the reason says so.
     live: rings for live viewers. stop: asked once a tick; the judge brakes at once. progress: called at times with the
     completed share of the run, 0 to 1. watchdogs: what has to give signs of life meanwhile, asked once a tick.
-    run_observer: whose run_events go into the log, and who learns how the session ended.
+    run_observer: whose run_events go into the log, and who learns how the session ended. soft_stop: of a playback,
+    along its path. mailbox: where a teleoperation's targets come from.
     """
 
     log: RunLog | None = None
@@ -28,6 +63,8 @@ class RunContext:
     progress: Progress | None = None
     watchdogs: Sequence[Watchdog] = ()
     run_observer: RunObserver | None = None
+    soft_stop: SoftStop | None = None
+    mailbox: Mailbox | None = None
 
     @property
     def listening(self) -> list[Rings]:

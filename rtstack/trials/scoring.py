@@ -1,5 +1,9 @@
-"""A result from the samples of a trial: the same function on the memory of a run and on a log that was read back."""
+"""A result from the samples of a trial: the same function on the memory of a run and on a log that was read back.
 
+Beside it, where pads are and which forces they feel in the world.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from xml.etree import ElementTree
@@ -7,13 +11,27 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.robots import FR3
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
 from rtstack.samples import Mode
-from rtstack.trials.world import UPRIGHT, Bases, pad_places
+
+Bases = tuple[Array, ...]  # T_world_base (4, 4) of each arm
+UPRIGHT: Bases = (np.eye(4), np.eye(4))  # at the world's origin: where only differences of places count
+
+
+def pad_forces(columns: Columns, bases: Bases) -> Array:
+    """Return the force of each pad on its surroundings (arms, n, 3), N, along the world's axes, as it is estimated."""
+    force = columns.arm["O_F_ext_hat_K"][:, :, :3]
+    return np.stack([of @ base[:3, :3].T for of, base in zip(force, bases, strict=True)])
+
+
+def pad_places(columns: Columns, bases: Bases) -> Array:
+    """Return where the middle of each pad's face is in the world (arms, n, 3), m."""
+    places = columns.arm["O_T_EE"][:, :, :3, 3]
+    return np.stack([of @ base[:3, :3].T + base[:3, 3] for of, base in zip(places, bases, strict=True)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +84,9 @@ FORCE_WINDOW_S = 0.1  # on each side of the nominal impact time: the 200 ms of t
 def score(
     columns: Columns, start_t_ns: int, nominal_impact_s: float, release_s: float,
     detected_impact_s: float | None, criterion: SuccessCriterion, motion: Motion = Motion.GRAB,
-    urdfs: tuple[str, str] = (FR3.urdf, FR3.urdf), bases: Bases | None = None, unobserved: bool = False,
+    urdfs: Sequence[str] = (FR3.urdf, FR3.urdf), bases: Bases | None = None, unobserved: bool = False,
 ) -> Score:  # fmt: skip
-    """Score a trial that began at the robot's time start_t_ns. urdfs: of the left and of the right arm.
+    """Score a trial that began at the robot's time start_t_ns. urdfs: of each arm.
 
     bases: where they stand; None: not known, they are taken for upright. unobserved: the cell has no tracker, what the
     object did is told from the pads, where it is known how these stand to each other.

@@ -4,22 +4,45 @@ Only what a cell description knows is looked at, and only the pads: they must st
 each other. Elbows are not looked at: the arms are far apart, and the robot's own reflexes watch them.
 """
 
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
-from hal.cell import Cell
+from hal.base.arrays import Array
+from hal.cell import LEFT, RIGHT, Cell
 from hal.displacement import Displacement
 from hal.joint_path import JointPath, JointSpeed
+from hal.tracker import ObjectPose
 from rtstack.control.tick import ArmController
-from rtstack.model.cell_description import CellDescription, ObjectDescription
+from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription
 from rtstack.model.rotation import log_so3
-from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
-from rtstack.trials.look import object_before
+
+LONGEST_LOOK_S = 1.0  # a camera has 20 pictures by then, and a clock of the tracker's own is known
+
+
+def object_before(cell: Cell, description: CellDescription) -> ObjectPose:
+    """Return where the tracker sees the object, `seen` 0 where it does not, before the loop of an open cell runs.
+
+    A tracker's times mean something once the arms' states have told the robot's time: they are read meanwhile, for
+    LONGEST_LOOK_S at most. Raises HardwareError from the arms.
+    """
+    pose, link = cell.tracker.latest(), cell.link
+    if link is None or not cell.own_clocks or description.tracker.kind == NO_TRACKER:
+        return pose
+    end_s = time.monotonic() + LONGEST_LOOK_S
+    while not pose.record["seen"][0] and time.monotonic() < end_s:
+        ready = link.wait()
+        for bit, arm in zip((LEFT, RIGHT), cell.arms, strict=False):
+            if ready & bit:
+                arm.read()
+        pose = cell.tracker.latest()
+    return pose
+
 
 CLEAR_OF_TABLE_M = 0.005  # at home the pads are 10 mm above it
 CLEAR_OF_OBJECT_M = 0.01
@@ -47,7 +70,7 @@ def start_motion(
     cell: Cell, description: CellDescription, object_name: str,
     displacement: Displacement | float = 0.0, start: NDArray[np.void] | None = None,
 ) -> StartMotion | None:  # fmt: skip
-    """Return the way of an open cell's arms to the points start (2,) of POINT, by default to the description's home.
+    """Return the way of an open cell's arms to the points start (arms,) of POINT, by default to the description's home.
 
     None where they are there already, or begin there anyway (the plant in this process). Raises TrialError with one
     line where the way must not be gone, or where the tracker sees the object elsewhere than where it was put;
@@ -68,23 +91,25 @@ def start_motion(
             )
         place = pose.position
     arms = arm_controllers(description, cell_parameters(description))
-    homes = np.array([description.left.home, description.right.home])
-    goal = homes if start is None else np.stack([posture(arms[k], homes[k], start[k], SIDES[k]) for k in range(2)])
-    now = np.stack([arm.read().q.copy() for arm in (cell.left, cell.right)])
+    homes = description.home
+    sides, goal = description.sides, homes
+    if start is not None:
+        goal = np.stack([posture(*each) for each in zip(arms, homes, start, sides, strict=True)])
+    now = np.stack([arm.read().q.copy() for arm in cell.arms])
     distance = np.abs(goal - now)
     if distance.max() <= limits.tolerance_rad:
         return None
     arm, joint = np.unravel_index(distance.argmax(), distance.shape)
     if distance[arm, joint] > limits.longest_rad:
         raise TrialError(
-            f"joint {joint + 1} of the {SIDES[arm]} arm is {distance[arm, joint]:.2f} rad from the start pose, more "
+            f"joint {joint + 1} of the {sides[arm]} arm is {distance[arm, joint]:.2f} rad from the start pose, more "
             f"than longest_rad = {limits.longest_rad:g} under [start_motion]: bring the arm nearer by hand"
         )
     ranges = [model.limits for model in description.robots]
     outside = (goal < [each.q_lower for each in ranges]) | (goal > [each.q_upper for each in ranges])
     if outside.any():
         arm, joint = np.argwhere(outside)[0]
-        raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {SIDES[arm]} arm")
+        raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {sides[arm]} arm")
     limit = JointSpeed(limits.speed_rad_s, limits.acceleration_rad_s2)
     path = JointPath.between(now, goal, limit)
     thing = None if place is None else _box(place, displacement.yaw_rad, description.objects[object_name])
@@ -142,7 +167,7 @@ def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:
 
 
 def _look_along(
-    path: JointPath, arms: tuple[ArmController, ArmController], description: CellDescription, thing: Array | None
+    path: JointPath, arms: Sequence[ArmController], description: CellDescription, thing: Array | None
 ) -> None:
     """Raise TrialError where a pad would come too near to something."""
     table = description.table
@@ -152,12 +177,12 @@ def _look_along(
     for t_s in np.linspace(0.0, path.duration_s, LOOKS):
         placed = zip(arms, path.at(float(t_s)), description.pads, strict=True)
         boxes = [_pad_box(arm, q, pad.size) for arm, q, pad in placed]
-        for side, box in zip(SIDES, boxes, strict=True):
+        for side, box in zip(description.sides, boxes, strict=True):
             if _near(box, board, CLEAR_OF_TABLE_M) or _near(box, floor, CLEAR_OF_TABLE_M):
                 raise _refusal(side, "the table")
             if thing is not None and _near(box, thing, CLEAR_OF_OBJECT_M):
                 raise _refusal(side, "the object")
-        if _near(boxes[0], boxes[1], CLEAR_OF_EACH_OTHER_M):
+        if len(boxes) == 2 and _near(boxes[0], boxes[1], CLEAR_OF_EACH_OTHER_M):
             raise _refusal("left", "the right one")
 
 

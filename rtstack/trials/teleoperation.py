@@ -1,32 +1,185 @@
-"""Runs a teleoperation on a cell: the session of a demonstration, led by an operator instead of a script."""
+"""Runs a teleoperation on a cell: the session of a demonstration, led by an operator instead of a script.
 
+A policy may lead too. In a cell that waits it is hosted in the same process: it is asked between two ticks, and answers
+through the mailbox. The cell's time stands still while the policy computes, so that a run is the same on any machine.
+`delay_s` is the robot's time that an answer takes. A policy that raises is not asked again, which ends the run as a
+quiet policy does.
+"""
+
+import os
 import time
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hal.cell import Cell
-from rtstack.control.modes import Strategy
+from hal.displacement import Displacement
+from hal.tracker import ObjectTracker
+from rtstack.cameras.newest import NewestPictures
+from rtstack.cameras.start import Cameras
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.mailbox import TARGET, Mailbox
 from rtstack.loop.session import SessionPlan
 from rtstack.loop.timeline import TICK_NS
+from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
+from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Level
-from rtstack.teleoperation.guide import TeleoperationGuide
-from rtstack.teleoperation.reach import Reach
-from rtstack.trials.assembly import Parameters, cell_parameters, following
+from rtstack.teleoperation.policy import Chunk, Observation, Policy
+from rtstack.teleoperation.reach import FASTEST_M_S, STIFFNESS_N_M, Reach
+from rtstack.teleoperation.source import TeleoperationSource
+from rtstack.trials.assembly import Parameters, cell_parameters
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_object
-from rtstack.trials.policy_host import PolicyHost
 from rtstack.trials.result import TeleoperationResult
 from rtstack.trials.run import Run
-from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import NO_CONTEXT, RunContext, RunEvent
 from rtstack.trials.scoring import failure_reason
-from rtstack.trials.specification import TeleoperationSpecification
+from rtstack.trials.specification import TeleoperationSpecification, like
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import limits_of_arms
 
 _AS_WANTED = (End.COMPLETED, End.RELEASED)
+LEASE = 1  # of the one policy of a run
+
+
+class PolicyHost:
+    """Asks a policy `rate_hz` times a second of the robot's time, for `longest_s` at most, and gives it a lease.
+
+    mailbox, job: where the answers go. delay_s: until an answer arrives. speed_m_s: of the filtered command at most.
+    """
+
+    def __init__(
+        self, policy: Policy, mailbox: Mailbox, job: int, rate_hz: float = 20.0, longest_s: float = 60.0,
+        delay_s: float = 0.0, speed_m_s: float = FASTEST_M_S,
+    ) -> None:  # fmt: skip
+        self.longest_ticks = round(longest_s * 1e9 / TICK_NS)
+        self._policy, self._mailbox, self._job = policy, mailbox, job
+        self._every, self._delay = round(1e9 / rate_hz / TICK_NS), round(delay_s * 1e9 / TICK_NS)
+        self._target = np.zeros(1, TARGET)
+        self._target["job"], self._target["policy"] = job, LEASE
+        self._target["speed"], self._target["stiffness"] = speed_m_s, STIFFNESS_N_M
+        self._waiting: deque[tuple[int, NDArray[np.void] | None]] = deque()  # when an answer arrives, None: finished
+        self._number = 0
+        self._began_ns: int | None = None
+        self._dead = False
+        self._said: set[str] = set()
+
+    def clock(self) -> int:
+        """Return the robot's time, ns: a clock of the host's that is the same on any machine."""
+        arm = self._source.arms[0]
+        return 0 if arm is None else int(arm.sample["t_ns"][0])
+
+    def serve(
+        self, source: TeleoperationSource, tracker: ObjectTracker, cell: CellDescription,
+        say: Callable[[RunEvent], None], cameras: Cameras | None = None,
+    ) -> Callable[[int], None]:  # fmt: skip
+        """Return what a run calls between two ticks. cameras: of the run, whose pictures the policy is shown."""
+        self._pictures = NewestPictures({}) if cameras is None else cameras.newest()
+        self._source, self._tracker, self._say = source, tracker, say
+        self._models = {side: ArmModel(arm, cell.pad) for side, arm in cell.mountings.items()}
+        self._mailbox.write_target(self._target)
+        return self._between
+
+    def _between(self, tick: int) -> None:
+        if tick >= self.longest_ticks:
+            self._finish()
+            return
+        if tick % self._every == 0 and not self._dead and None not in self._source.arms and self._source.lead.lease:
+            self._ask(tick)
+        while self._waiting and self._waiting[0][0] <= tick:
+            _, chunk = self._waiting.popleft()
+            if chunk is None:
+                self._finish()
+                return
+            chunk["beat_ns"] = self.clock()
+            self._mailbox.write_chunk(chunk)
+
+    def _ask(self, tick: int) -> None:
+        observation = self._observation()
+        try:
+            answer = self._policy.act(observation)
+        except Exception as error:  # whatever the code of another author raises
+            self._dead = True
+            self._tell(Level.ERROR, f"the policy has ended: {type(error).__name__}: {error}")
+            return
+        if answer is None:
+            return
+        if answer.finished:
+            self._waiting.append((tick + self._delay, None))
+            return
+        problem = answer.problem(len(self._models))
+        if problem is not None:
+            self._tell(Level.WARNING, f"answers are not followed: {problem}")
+            return
+        self._waiting.append((tick + self._delay, self._record(answer, observation)))
+
+    def _record(self, answer: Chunk, observation: Observation) -> NDArray[np.void]:
+        chunk = answer.record(self._models, self._posture_joint)
+        chunk["job"], chunk["lease"], chunk["observed_ns"] = self._job, self._source.lead.lease, observation.t_ns
+        return chunk
+
+    def _observation(self) -> Observation:
+        arms = [arm for arm in self._source.arms if arm is not None]
+        self._number += 1
+        t_ns = self.clock()
+        self._began_ns = t_ns if self._began_ns is None else self._began_ns
+        pose, pose_ref = np.zeros((len(arms), 7)), np.zeros((len(arms), 7))
+        self._posture_joint = arms[0].parameters.posture_joint
+        for side, arm in enumerate(arms):
+            work, point = arm.workspace[0], self._source.points[side, 0]
+            for out, place, rotation in (
+                (pose, work["position"], work["rotation"]), (pose_ref, point["position"], point["rotation"]),
+            ):  # fmt: skip
+                out[side, :3] = place
+                quaternion_from_rotation(np.ascontiguousarray(rotation), out[side, 3:])
+        seen = self._tracker.latest().record
+        known = np.concatenate([seen["position"][0], seen["orientation_wxyz"][0]]) if seen["seen"][0] else None
+        return Observation(
+            self._number, t_ns, (t_ns - self._began_ns) * 1e-9,
+            np.stack([arm.sample["q"][0] for arm in arms]), np.stack([arm.sample["dq"][0] for arm in arms]),
+            pose, pose_ref, np.stack([arm.workspace["force_world"][0] for arm in arms]), known,
+            self._pictures.at(t_ns),
+        )  # fmt: skip
+
+    def _finish(self) -> None:
+        self._target["finish"] = 1
+        self._mailbox.write_target(self._target)
+
+    def _tell(self, level: Level, text: str) -> None:
+        if text not in self._said:  # each once: a policy may say the same for a minute
+            self._said.add(text)
+            self._say(RunEvent(level, "operator", text))
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedTeleoperation(PreparedRun[TeleoperationResult]):
+    """A teleoperation with an object that the cell has. The context brings the mailbox."""
+
+    specification: TeleoperationSpecification
+
+    def start_motion(self, cell: Cell) -> StartMotion | None:
+        """See PreparedRun: a recording begins at home, practice where the arms are."""
+        return PreparedRun.start_motion(self, cell) if self.specification.recorded else None
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> TeleoperationResult:
+        """See PreparedRun."""
+        assert context.mailbox is not None  # every host of a teleoperation has one
+        return run_teleoperation(self.specification, self.description, cell, context.mailbox, context, way=way)
+
+
+def prepare_teleoperation(
+    specification: TeleoperationSpecification, description: CellDescription
+) -> PreparedTeleoperation:
+    """Check the object. Raises TrialError with one line."""
+    check_object(specification.object, description)
+    return PreparedTeleoperation(specification, description)
 
 
 def run_teleoperation(
@@ -50,33 +203,65 @@ def run_teleoperation(
     check_object(specification.object, description)
     limits = limits_of_arms(description)
     reach = Reach.within(limits[0])
-    guide = TeleoperationGuide(mailbox, specification.job, reach, specification.stop_on_release, clock)
+    source = TeleoperationSource(
+        mailbox, specification.job, reach, specification.stop_on_release, clock, description.sides
+    )
     control = parameters.control
-    plan = SessionPlan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
+    plan = SessionPlan.from_source(source, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
     longest = 0 if host is None else host.longest_ticks
-    with Run(description, parameters, plan, limits, context.with_watchdog(guide), way, longest, [guide]) as run:
-        guide.tell = lambda text: run.run_event(RunEvent(Level.INFO, "operator", text))
+    with Run(description, parameters, plan, limits, context.with_watchdog(source), way, longest, [source]) as run:
+        source.tell = lambda text: run.run_event(RunEvent(Level.INFO, "operator", text))
         if host is not None:
             cameras = None if context.log is None else context.log.cameras
-            run.between = host.serve(guide, cell.tracker, description, run.run_event, cameras)
-        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
-        interventions = outcome.safety_interventions
-        cut_off = specification.recorded and guide.lost  # the operator did not end this recording
+            run.between = host.serve(source, cell.tracker, description, run.run_event, cameras)
+        outcome = run.follow(cell)
+        cut_off = specification.recorded and source.lost  # the operator did not end this recording
         end = End.COMPLETED if outcome.end in _AS_WANTED and not cut_off else outcome.end
-        reason = failure_reason(end, outcome.detail, interventions)
-        result = TeleoperationResult(
-            success=reason is None,
-            failure_reason=reason,
-            object=specification.object,
-            seed=specification.seed,
-            operator=specification.operator,
-            recorded=specification.recorded,
-            moved=guide.moved,
-            cell=cell.name,
-            detected_impact_time_s=run.first_impact_s,
-            duration_s=run.history.ticks * TICK_NS * 1e-9,
-            missed_deadlines=outcome.missed_deadlines,
-            safety_interventions=interventions,
-            log=run.log_name,
-        )
+        reason = failure_reason(end, outcome.detail, outcome.safety_interventions)
+        result = like(
+            TeleoperationResult, specification, outcome, success=reason is None, failure_reason=reason,
+            moved=source.moved, cell=cell.name, detected_impact_time_s=run.first_impact_s,
+            duration_s=run.history.ticks * TICK_NS * 1e-9, log=run.log_name,
+        )  # fmt: skip
         return run.finished(result)
+
+
+RATE_HZ = 20.0
+LONGEST_S = 60.0
+_NUMBERS = count()
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedPolicy(PreparedTeleoperation):
+    """A teleoperation that a policy leads. put: where the object stands."""
+
+    policy: Policy
+    rate_hz: float
+    put: Displacement
+
+    @property
+    def displacement(self) -> Displacement:
+        """See PreparedRun."""
+        return self.put
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> TeleoperationResult:
+        """See PreparedRun."""
+        return run_policy(self.policy, self.specification, self.description, cell, context, rate_hz=self.rate_hz)
+
+
+def run_policy(
+    policy: Policy, specification: TeleoperationSpecification, description: CellDescription, cell: Cell,
+    context: RunContext = NO_CONTEXT, *, rate_hz: float = RATE_HZ, longest_s: float = LONGEST_S, delay_s: float = 0.0,
+) -> TeleoperationResult:  # fmt: skip
+    """Let a policy lead the arms of an open cell until it has finished; see PolicyHost. Closes the log, not the cell.
+
+    Raises TrialError for a cell that does not wait: there `rtstack policy --console` lets a policy lead.
+    """
+    if cell.own_clocks:
+        raise TrialError(f"the cell {cell.name} does not wait for a policy: start rtstack up, and give --console")
+    mailbox = Mailbox.create(f"rtstack-policy-{os.getpid()}-{next(_NUMBERS)}")
+    try:
+        host = PolicyHost(policy, mailbox, specification.job, rate_hz, longest_s, delay_s)
+        return run_teleoperation(specification, description, cell, mailbox, context, clock=host.clock, host=host)
+    finally:
+        mailbox.close()

@@ -5,14 +5,15 @@ What a cell says nothing of are the forces of the phases without an impact: thos
 They come from files that are named when the program starts. No request that arrives over a socket has a field for them.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic.dataclasses import dataclass as checked
 
+from hal.base.configuration import STRICT, load_toml
 from hal.cell import Cell
-from hal.configuration import STRICT, load_toml
 from hal.limits import OwnLimits
 from hal.robots import ROBOTS, RobotModel
 from rtstack.model.cell_description import CellDescription
@@ -20,11 +21,9 @@ from rtstack.safety.limits import (
     FORCES_BY_PHASE,
     LimitWidened,
     PairLimits,
-    SafetyLimits,
     hardware_limits,
     within_own,
 )
-from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 from rtstack.trials.specification import Tightening
 
@@ -36,40 +35,34 @@ class _File:
 
 def load_tightening(path: Path) -> Tightening:
     """Read the table `[safety]` of a TOML, spelt as in a cell's. Raises ConfigurationError; the values are not checked
-    before `safety_limits`."""
+    before `limits_of_arms`."""
     table = load_toml(path, _File).safety
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in sorted(table.items()))
-
-
-def safety_limits(description: CellDescription, tightening: Tightening = (), side: int = 0) -> SafetyLimits:
-    """Return the limits of the left (0) or right (1) arm in a trial on a cell. Raises as `limits_of_arms` does."""
-    return limits_of_arms(description, tightening)[side]
 
 
 def limits_of_cell(limits: PairLimits, cell: Cell) -> PairLimits:
     """Return the limits of an open cell's arms: inside those that its robots say they have, where they were asked."""
     if cell.own_limits is None:
         return limits
-    left, right = (within_own(one, own)[0] for one, own in zip(limits, cell.own_limits, strict=True))
-    return left, right
+    return tuple(within_own(one, own)[0] for one, own in zip(limits, cell.own_limits, strict=True))
 
 
-def difference_of_limits(description: CellDescription, own: tuple[OwnLimits, OwnLimits] | None) -> str:
+def difference_of_limits(description: CellDescription, own: Sequence[OwnLimits] | None) -> str:
     """Return in one line where robots say that they have other limits than their models, "" where they do not."""
     if own is None:
         return ""
     found = [
         f"{side}: {'; '.join(differs)}"
-        for side, limits, one in zip(SIDES, limits_of_arms(description), own, strict=True)
+        for side, limits, one in zip(description.sides, limits_of_arms(description), own, strict=True)
         if (differs := within_own(limits, one)[1])
     ]
     return f"the robots' own limits differ, and the tighter ones hold: {', '.join(found)}" if found else ""
 
 
-def check_models(description: CellDescription, own: tuple[OwnLimits, OwnLimits] | None) -> None:
+def check_models(description: CellDescription, own: Sequence[OwnLimits] | None) -> None:
     """Raise TrialError where a robot's joints move as those of another model than the cell's file has: in a range of
     positions that the described one does not stay in, and that a registered model comes nearer to."""
-    for side, model, one in zip(SIDES, description.robots, own or (), strict=False):
+    for side, model, one in zip(description.sides, description.robots, own or (), strict=False):
         stays = np.all(model.limits.q_lower >= one.q_lower) and np.all(model.limits.q_upper <= one.q_upper)
         if stays:
             continue
@@ -88,12 +81,11 @@ def _apart(model: RobotModel, own: OwnLimits) -> float:
 
 
 def limits_of_arms(description: CellDescription, tightening: Tightening = ()) -> PairLimits:
-    """Return the limits of both arms in a trial on a cell. Raises TrialError with the first one that would be wider."""
+    """Return the limits of each arm in a trial on a cell. Raises TrialError with the first one that would be wider."""
     try:
-        left, right = (
+        return tuple(
             hardware_limits(model).tightened(FORCES_BY_PHASE | description.safety).tightened(dict(tightening))
             for model in description.robots
         )
-        return left, right
     except LimitWidened as error:
         raise TrialError(f"{error} (cell {description.name})") from None

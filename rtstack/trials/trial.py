@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,40 +20,62 @@ from rtstack.references.source import load_reference
 from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level, Mode, Reaction
-from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters
+from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters, with_law
+from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.controllers import controller_factory
 from rtstack.trials.errors import TrialError
-from rtstack.trials.load import settle_load
+from rtstack.trials.estimate import check_estimate
+from rtstack.trials.followed import Followed
 from rtstack.trials.monitoring import tuning_file, tuning_folder, tuning_in, tuning_of
-from rtstack.trials.object import check_object
+from rtstack.trials.move import settle_load
+from rtstack.trials.object import check_object, check_two_arms
 from rtstack.trials.result import TrialResult
 from rtstack.trials.run import Run
-from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import NO_CONTEXT, RunContext, RunEvent
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
-from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.specification import TrialSpecification, like
+from rtstack.trials.start_motion import StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
 
 @dataclass(frozen=True, slots=True)
-class PreparedTrial:
-    """A trial whose reference was read and checked: nothing is open and nothing written yet.
+class PreparedTrial(PreparedRun[TrialResult]):
+    """A trial whose reference was read and checked; no cell and no log is open yet.
 
-    monitor: None where the object, or the plan, has no tuning. tuned_by: the user's own file that it is from.
+    monitor: None if the object, or the plan, has no tuning. tuned_by: the user's own file of the tuning, if it is one.
+    criterion: of a success, by default the paper's. whole_reference: attach the reference's file to the log.
     """
 
     specification: TrialSpecification
-    description: CellDescription
     parameters: Parameters
     reference: ExtendedReference
     limits: PairLimits
     monitor: PairParameters | None = None
     tuned_by: Path | None = None
+    criterion: SuccessCriterion | None = None
+    whole_reference: bool = False
+
+    def look(self, cell: Cell) -> str:
+        """See PreparedRun: the offset of the force estimate."""
+        return check_estimate(cell, self.description, self.parameters.detector)
+
+    def start_motion(self, cell: Cell) -> StartMotion | None:
+        """See PreparedRun: to the start of the reference."""
+        start = self.reference.ante[:, 0]
+        return start_motion(cell, self.description, self.specification.object, self.displacement, start)
+
+    def about(self) -> dict[str, Any]:
+        """See PreparedRun."""
+        followed = Followed(Path(self.specification.reference), self.whole_reference)
+        return {"reference": self.reference, "followed": followed}
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> TrialResult:
+        """See PreparedRun."""
+        return run_trial(self, cell, context, way=way, criterion=self.criterion)
 
     @property
     def unwatched(self) -> str | None:
-        """Why the impact is not monitored, and what to do about it; None where the monitor does."""
+        """Why the impact is not monitored, and what to do about it; None if it is."""
         if self.reference.motion is not Motion.GRAB:
             return f"it follows a {self.reference.motion}, and the monitor judges what both arms do to one object"
         if self.reference.impact is None:
@@ -76,18 +99,23 @@ def prepare_trial(
 ) -> PreparedTrial:
     """Read and check what a trial needs. monitor: by default what the plan brings, or the object's tuning.
 
-    Raises TrialError with one line, also for a reaction that nothing could start.
+    The result's specification names the inertia of the law, also where the cell or `parameters` decided. Raises
+    TrialError with one line, also for a reaction that nothing could start.
     """
-    parameters = parameters or cell_parameters(description)
+    parameters = with_law(parameters or cell_parameters(description), specification.law_inertia)
+    specification = replace(specification, law_inertia=parameters.inertia.law_inertia)
     check_object(specification.object, description)
     controller_factory(specification.controller)
     limits = limits_of_arms(description, specification.safety)
     try:
         reference = load_reference(
-            Path(specification.reference), arm_controllers(description, parameters), parameters.detector
-        )
+            Path(specification.reference), arm_controllers(description, parameters), parameters.detector,
+            description.sides,
+        )  # fmt: skip
     except ReferenceError as error:
         raise TrialError(str(error)) from None
+    if reference.motion is Motion.GRAB:
+        check_two_arms(description, "a trial of a grab")
     if reference.planned and reference.object != specification.object:
         raise TrialError(
             f"the plan is for {reference.object}, not for {specification.object}: choose that object, or plan another"
@@ -108,7 +136,7 @@ def prepare_trial(
 
 
 def _watched(prepared: PreparedTrial) -> Watched | None:
-    """What the trial's monitor needs; None where no impact is expected."""
+    """Return what the trial's monitor needs; None if no impact is expected."""
     reference, tuning = prepared.reference, prepared.monitor
     if tuning is None or reference.impact is None:
         return None
@@ -119,7 +147,7 @@ def _watched(prepared: PreparedTrial) -> Watched | None:
 
 
 def _impact_window_s(reference: ExtendedReference) -> tuple[float, float]:
-    """Return between which two moments the pads may be hit, s: until they have let go again, of a push to the end."""
+    """Return the first and last moment, s, at which the pads may be hit: until release, or to the end of a push."""
     end_s = reference.release_s + FREE_AFTER_S if reference.motion is Motion.GRAB else math.inf
     return reference.nominal_impact_s - UNTIL_BEFORE_S, min(end_s, reference.ticks * reference.period_s)
 
@@ -134,15 +162,16 @@ def run_trial(
 ) -> TrialResult:
     """Run a prepared trial on an open cell. The caller closes the cell; the context's log is closed here.
 
-    way: to where the reference begins, gone before its first tick.
+    way: the motion to the start of the reference, carried out before its first tick.
     """
     specification, reference = prepared.specification, prepared.reference
-    control = prepared.parameters.control
+    parameters = with_law(prepared.parameters, specification.law_inertia)
+    control = parameters.control
     plan = SessionPlan(
         reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s,
         impact_s=_impact_window_s(reference),
     )  # fmt: skip
-    with Run(prepared.description, prepared.parameters, plan, prepared.limits, context, way) as run:
+    with Run(prepared.description, parameters, plan, prepared.limits, context, way) as run:
         if prepared.unwatched is not None:
             run.run_event(RunEvent(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
         elif prepared.tuned_by is not None:
@@ -153,7 +182,7 @@ def run_trial(
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
-            (prepared.description.left.robot.urdf, prepared.description.right.robot.urdf),
+            [robot.urdf for robot in prepared.description.robots],
             base_poses(prepared.description), prepared.description.tracker.kind == NO_TRACKER,
         )  # fmt: skip
         return run.finished(_result(prepared, cell.name, outcome, values, run))
@@ -163,32 +192,18 @@ def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values:
     reason = failure_reason(
         outcome.end, outcome.detail, outcome.safety_interventions, values, prepared.reference.motion
     )
-    specification, monitor = prepared.specification, run.monitor
+    monitor = run.monitor
     decided = monitor is not None and monitor.verdict is not Verdict.NONE
-    return TrialResult(
+    return like(
+        TrialResult,
+        prepared.specification,
+        values,
         success=reason is None,
         failure_reason=reason,
-        controller=specification.controller,
-        object=specification.object,
-        displacement_mm=specification.displacement_mm,
-        displacement_x_mm=specification.displacement_x_mm,
-        yaw_deg=specification.yaw_deg,
         object_observed=values.seen,
-        seed=specification.seed,
         cell=cell,
         nominal_impact_time_s=prepared.reference.nominal_impact_s,
-        detected_impact_time_s=values.detected_impact_time_s,
         impact_verdict=monitor.verdict.name.lower() if monitor is not None else None,
-        average_force_norm=values.average_force_norm,
-        average_force_norm_linear_n=values.average_force_norm_linear_n,
-        peak_force_norm=values.peak_force_norm,
-        max_lift_mm=values.max_lift_mm,
-        peak_torque_ratio=values.peak_torque_ratio,
-        peak_velocity_ratio=values.peak_velocity_ratio,
-        ticks=values.ticks,
-        missed_deadlines=values.missed_deadlines,
-        compute_us_p50=values.compute_us_p50,
-        compute_us_p99=values.compute_us_p99,
         safety_interventions=outcome.safety_interventions,
         real_time_factor=round(outcome.real_time_factor, 3),
         log=run.log_name,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.records import WORKSPACE
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S, TrialMonitor
 from rtstack.loop.history import Columns
@@ -24,7 +24,7 @@ from rtstack.monitor.pair import TARE_FROM_NS, NetForceParameters, PairParameter
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE
 from rtstack.trials.errors import TrialError
-from rtstack.trials.world import Bases, pad_forces
+from rtstack.trials.scoring import Bases, pad_forces
 
 PERIOD_S = 1e-3
 WINDOW, DECAY_1_S, HORIZON_S, SPACING_S = 13, 19.0, 0.1, 0.1  # Table 2 of the collision-monitoring paper

@@ -8,11 +8,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.watch import TrialMonitor
 from rtstack.loop.history import Columns
 from rtstack.monitor.records import Reason, Verdict
-from rtstack.trials.world import Bases, pad_forces, pad_places
+from rtstack.trials.scoring import Bases, pad_forces, pad_places
 
 ALONG_APPROACH = 0.8  # cosine: what stands in the way pushes against the motion
 AHEAD_S = 0.35  # a verdict that comes so long after the nominal impact is not of the impact

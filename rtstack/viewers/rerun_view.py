@@ -3,12 +3,14 @@
 Imports rerun, the optional package rerun-sdk; ask `missing` first.
 """
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rtstack.log.scenery import FORCE_LINES
-from rtstack.log.voxels import PREFIX
+from rtstack.log.reader import read_log
+from rtstack.log.viewers.scenery import FORCE_LINES
+from rtstack.log.viewers.voxels import PREFIX
 from rtstack.samples import SIDES
 
 APPLICATION = "rtstack"
@@ -27,8 +29,9 @@ def missing() -> str:
     return "" if find_spec("rerun") else "Rerun is not installed: pip install rerun-sdk"
 
 
-def blueprint(following: bool = False) -> Any:
-    """Return the arrangement: scene and events beside the plots. following: what is shown is the newest state."""
+def blueprint(following: bool = False, sides: Sequence[str] = SIDES) -> Any:
+    """Return the arrangement: scene and events beside the plots of the arms of these sides. following: what is shown is
+    the newest state."""
     import rerun.blueprint as rrb
 
     start: dict[str, Any] = {"play_state": "following"} if following else {}
@@ -41,7 +44,7 @@ def blueprint(following: bool = False) -> Any:
             position=(1.5, -1.1, 1.2), look_target=(-0.1, 0.0, 0.35), eye_up=(0.0, 0.0, 1.0)
         ),
     )
-    plots = [_plot(name, *what) for name, what in _PLOTS.items()]
+    plots = [_plot(name, sides, *what) for name, what in _PLOTS.items()]
     events = rrb.TextLogView(name="events", origin="/events")
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Vertical(scene, events, row_shares=[4, 1]), rrb.Vertical(*plots), column_shares=[3, 2]),
@@ -52,7 +55,7 @@ def blueprint(following: bool = False) -> Any:
     )
 
 
-def _plot(name: str, topic: str, message: str, selectors: tuple[str, ...]) -> Any:
+def _plot(name: str, sides: Sequence[str], topic: str, message: str, selectors: tuple[str, ...]) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
@@ -71,7 +74,7 @@ def _plot(name: str, topic: str, message: str, selectors: tuple[str, ...]) -> An
             )
             for selector in selectors
         ]
-        for side in SIDES
+        for side in sides
     }
     contents = [f"+ {path}" for path in overrides]
     legend = rrb.PlotLegend(visible=False)
@@ -83,14 +86,14 @@ def write_recording(log: Path, out: Path) -> None:
     with open(out, "xb"):  # Rerun says of a file that cannot be written only that it cannot
         pass
     recording = _recording()
-    recording.save(out, default_blueprint=blueprint())
+    recording.save(out, default_blueprint=blueprint(sides=read_log(log).sides))
     _fill(recording, log)
 
 
 def show(log: Path) -> None:
     """Open Rerun's viewer, a program of its own, with a log. Raises RuntimeError where it cannot be started."""
     recording = _recording()
-    recording.spawn(default_blueprint=blueprint())
+    recording.spawn(default_blueprint=blueprint(sides=read_log(log).sides))
     _fill(recording, log)
 
 

@@ -114,9 +114,8 @@ class DeskBox:
             self._control = _Control(owner, secrets.token_urlsafe(16), self._taken)
             return {"token": self._control.token, "tokenId": self._control.number}
 
-    def release_control(self, token: str | None) -> None:
+    def release_control(self) -> None:
         """POST /api/system/control-token:release."""
-        self.check(token)
         with self._changed:
             self._control = None
             self._changed.notify_all()
@@ -129,9 +128,8 @@ class DeskBox:
         if held is None or not secrets.compare_digest(token.encode(), held.token.encode()):
             raise Refused(423, "InvalidControlToken", "the control token is not valid, or not any more")
 
-    def unlock(self, token: str | None) -> None:
+    def unlock(self) -> None:
         """POST /api/arm/joints:unlock; answered once the brakes are open."""
-        self.check(token)
         self._allow()
         time.sleep(_BRAKES_S)
         self._flags["locked"] = 0
@@ -141,29 +139,25 @@ class DeskBox:
         self._flags["locked"] = 1
         time.sleep(_BRAKES_S)
 
-    def change_mode(self, token: str | None, wanted: str) -> None:
+    def change_mode(self, wanted: str) -> None:
         """POST /api/system/operating-mode:change. Only to Execution: Programming is of the page's own button."""
-        self.check(token)
         if wanted != "Execution":
             raise Refused(400, "InvalidOperatingMode", f"{wanted} cannot be asked for here")
         self._allow()
 
-    def activate_fci(self, token: str | None) -> None:
+    def activate_fci(self) -> None:
         """POST /api/fci:activate."""
-        self.check(token)
         self._allow()
         if self._flags["locked"]:
             raise Refused(424, "FailedDependency", "the joints are locked", ("BrakesClosed",))
         self._flags["fci"] = 1
 
-    def deactivate_fci(self, token: str | None) -> None:
+    def deactivate_fci(self) -> None:
         """POST /api/fci:deactivate."""
-        self.check(token)
         self._flags["fci"] = 0
 
-    def execute_self_tests(self, token: str | None) -> None:
+    def execute_self_tests(self) -> None:
         """POST /api/safety/self-tests:execute; answered when they are over. The brakes are locked meanwhile."""
-        self.check(token)
         if self._flags["fci"]:
             raise Refused(424, "FailedDependency", "FCI is active", ("FciActive",))
         before = int(self._flags["locked"])
@@ -174,9 +168,8 @@ class DeskBox:
         self._testing = False
         self._flags["locked"] = before
 
-    def confirm_recovery(self, token: str | None, kind: str) -> None:
+    def confirm_recovery(self, kind: str) -> None:
         """POST /api/safety/recovery:confirm."""
-        self.check(token)
         if kind != "SelfTestsElapsed" or not self._overdue():
             raise Refused(424, "FailedDependency", f"there is no {kind}")
 

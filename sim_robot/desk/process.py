@@ -1,26 +1,53 @@
-"""Desk of both boxes in a process of its own, as the process sees it that serves their FCI."""
+"""Desk of the boxes in a process of its own, as the process sees it that serves their FCI.
 
+That one keeps 1 kHz and has no time for a handshake of HTTPS. The two share a few bytes: FLAGS of each box.
+"""
+
+import mmap
 import os
 import subprocess
 import sys
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hal.errors import HardwareError
-from sim_robot.desk.flags import shared_flags
 
 PORT = 4443  # a real box has 443, which not every user may listen at
 _END_S = 5.0
 
 
-class DeskProcess:
-    """A running Desk at both addresses. flags: FLAGS of both boxes (2,)."""
+# by Desk: fci, locked (the brakes), off (shut down); by FCI: user_stop (pressed), moving
+FLAGS = np.dtype([(name, "u1") for name in ("fci", "locked", "off", "user_stop", "moving")])
 
-    def __init__(self, addresses: tuple[str, str], self_test_due_s: float, port: int = PORT) -> None:
-        """Start it, and wait until it serves. Raises HardwareError with what it says."""
-        descriptor, self.flags = shared_flags()
+
+def shared_flags(boxes: int) -> tuple[int, NDArray[np.void]]:
+    """Make the FLAGS (n,) of n boxes, as a box has them that was just switched on; return their descriptor too."""
+    descriptor = os.memfd_create("rtstack-desk", 0)
+    os.truncate(descriptor, boxes * FLAGS.itemsize)
+    flags = flags_at(descriptor)
+    flags["locked"] = 1
+    return descriptor, flags
+
+
+def flags_at(descriptor: int) -> NDArray[np.void]:
+    """Return the FLAGS (n,) behind a descriptor."""
+    return np.frombuffer(mmap.mmap(descriptor, 0), FLAGS)
+
+
+class DeskProcess:
+    """A running Desk at each box's address. flags: FLAGS of the boxes (n,)."""
+
+    def __init__(self, addresses: dict[str, str], self_test_due_s: float, port: int = PORT) -> None:
+        """Start it, and wait until it serves. addresses: of each arm's box, by the arm's name (left, right).
+
+        Raises HardwareError with what it says.
+        """
+        descriptor, self.flags = shared_flags(len(addresses))
         # standard input ends with this process, however it ends
         self._process = subprocess.Popen(
             [sys.executable, "-m", "sim_robot.desk", f"--flags={descriptor}", f"--port={port}",
-             f"--self-test-due-s={self_test_due_s!r}", *addresses],
+             f"--self-test-due-s={self_test_due_s!r}", *(f"{side}={address}" for side, address in addresses.items())],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=(descriptor,), start_new_session=True,
         )  # fmt: skip
         os.close(descriptor)

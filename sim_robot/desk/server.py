@@ -2,16 +2,24 @@
 
 import base64
 import binascii
+import datetime
+import hashlib
 import json
 import secrets
 import ssl
+import tempfile
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from ipaddress import ip_address
 from socket import socket
 from typing import Any
 
+from cryptography import x509
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.x509.oid import NameOID
+
 from sim_robot.desk.box import DeskBox, Refused
-from sim_robot.desk.certificate import server_context
 
 USER, PASSWORD = "franka", "simulated"
 VERSION = "5.9.2"  # the first line of three; the others are digests
@@ -28,6 +36,32 @@ _READ: dict[str, Callable[[DeskBox], Any]] = {
     "/api/safety/recovery": DeskBox.recovery,
     "/admin/api/system-version": lambda box: f"{VERSION}\n{'0' * 40}\n{'0' * 40}",
 }
+_FROM, _UNTIL = datetime.datetime(2025, 1, 1), datetime.datetime(2125, 1, 1)
+
+
+def server_context(address: str) -> ssl.SSLContext:
+    """Return what a box at this IP address shows itself with."""
+    key = Ed25519PrivateKey.from_private_bytes(hashlib.sha256(f"simulated Desk {address}".encode()).digest())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"simulated control box {address}")])
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(1)
+        .not_valid_before(_FROM)
+        .not_valid_after(_UNTIL)
+        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(ip_address(address))]), critical=False)
+        .sign(key, None)  # Ed25519 brings its own digest, and signs the same way each time
+    )
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    with tempfile.NamedTemporaryFile() as file:  # the ssl module reads files only
+        file.write(certificate.public_bytes(serialization.Encoding.PEM))
+        pkcs8, plain = serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        file.write(key.private_bytes(serialization.Encoding.PEM, pkcs8, plain))
+        file.flush()
+        context.load_cert_chain(file.name)
+    return context
 
 
 def _seconds(value: Any) -> float | None:
@@ -38,30 +72,30 @@ def _seconds(value: Any) -> float | None:
     return float(value)
 
 
-# (box, control token, body)
-_TOLD: dict[str, Callable[[DeskBox, str | None, dict[str, Any]], Any]] = {
-    "/api/system/control-token:take": lambda box, token, body: box.take_control(
+# A route's function takes the box and the request's body.
+_TOLD: dict[str, Callable[[DeskBox, dict[str, Any]], Any]] = {
+    "/api/system/control-token:take": lambda box, body: box.take_control(
         str(body.get("owner") or USER), _seconds(body.get("timeout"))
     ),
-    "/api/system/control-token:release": lambda box, token, body: box.release_control(token),
-    "/api/system/operating-mode:change": lambda box, token, body: box.change_mode(
-        token, str(body.get("desiredOperatingMode"))
-    ),
-    "/api/arm/joints:unlock": lambda box, token, body: box.unlock(token),
-    "/api/arm/joints:lock": lambda box, token, body: box.lock(),
-    "/api/fci:activate": lambda box, token, body: box.activate_fci(token),
-    "/api/fci:deactivate": lambda box, token, body: box.deactivate_fci(token),
-    "/api/safety/self-tests:execute": lambda box, token, body: box.execute_self_tests(token),
-    "/api/safety/recovery:confirm": lambda box, token, body: box.confirm_recovery(token, str(body.get("type"))),
-    "/api/system:shutdown": lambda box, token, body: box.shut_down(),
+    "/api/system/control-token:release": lambda box, body: box.release_control(),
+    "/api/system/operating-mode:change": lambda box, body: box.change_mode(str(body.get("desiredOperatingMode"))),
+    "/api/arm/joints:unlock": lambda box, body: box.unlock(),
+    "/api/arm/joints:lock": lambda box, body: box.lock(),
+    "/api/fci:activate": lambda box, body: box.activate_fci(),
+    "/api/fci:deactivate": lambda box, body: box.deactivate_fci(),
+    "/api/safety/self-tests:execute": lambda box, body: box.execute_self_tests(),
+    "/api/safety/recovery:confirm": lambda box, body: box.confirm_recovery(str(body.get("type"))),
+    "/api/system:shutdown": lambda box, body: box.shut_down(),
 }
+# what a user who is signed in may do without control
+_WITHOUT_CONTROL = ("/api/system/control-token:take", "/api/arm/joints:lock", "/api/system:shutdown")
 
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "Desk", "(simulated)"
     timeout = _SILENT_S
-    server: "DeskServer"
+    server: "DeskServer"  # pyright: ignore[reportIncompatibleVariableOverride]  # the one that makes it
 
     def do_GET(self) -> None:
         self._serve(self._read)
@@ -96,13 +130,19 @@ class _Handler(BaseHTTPRequestHandler):
             body = None
         if not isinstance(body, dict):
             raise Refused(400, "InvalidArgument", "the body is no JSON object")
-        return told(self.server.box, self.headers.get("X-Control-Token"), body)
+        if self._path not in _WITHOUT_CONTROL:
+            self.server.box.check(self.headers.get("X-Control-Token"))
+        return told(self.server.box, body)
+
+    @property
+    def _path(self) -> str:
+        return self.path.partition("?")[0]
 
     def _found(self, routes: dict[str, Any]) -> Any:
         if self.server.box.off:
             self.close_connection = True
             raise Refused(503, "ShuttingDown", "the box was shut down")
-        route = routes.get(self.path.partition("?")[0])
+        route = routes.get(self._path)
         if route is None:
             raise Refused(404, "NotFound", "there is no such path")
         return route

@@ -1,26 +1,15 @@
 """A faults file: `[[fault]]` tables of TOML into `ScriptedFault` records. What each kind and key means: `kinds`."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from hal.configuration import ConfigurationError, from_document, one_line, read_toml
-from sim_robot.faults.kinds import (
-    ALSO_FROM_THE_START,
-    FROM_THE_START,
-    KINDS,
-    OF_NO_ARM,
-    OF_THE_LINK,
-    WITHOUT_DURATION,
-    ObjectTilted,
-    Origin,
-    Reflex,
-    ScriptedFault,
-)
-from sim_robot.model import SIDES
+from hal.base.configuration import ConfigurationError, from_document, one_line, read_toml
+from sim_robot.faults.kinds import KINDS, Mode, ObjectTilted, Origin, Reflex, ScriptedFault
+from sim_robot.scene import SIDES
 
-_ARMS = {"left": (0,), "right": (1,), "both": (0, 1)}
 LONGEST_S = 1e6
 _HEADER = re.compile(r"\s*\[\[\s*fault\s*\]\]")
 
@@ -29,14 +18,22 @@ class FaultNeedsLink(ConfigurationError):
     """A fault of the link where no link is."""
 
 
-def load_faults(path: Path) -> tuple[ScriptedFault, ...]:
-    """Read a faults file. Raises ConfigurationError: one line with the file, the line if known, the key, the remedy."""
+def load_faults(path: Path, sides: Sequence[str] = SIDES) -> tuple[ScriptedFault, ...]:
+    """Read a faults file for a cell with these arms (Scene.sides).
+
+    Raises ConfigurationError: one line with the file, the line if known, the key, the remedy.
+    """
     document, text = read_toml(path)
-    return faults_in(document, str(path), text)
+    return faults_in(document, str(path), text, sides)
 
 
-def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[ScriptedFault, ...]:
-    """Check a parsed document. `text` is what it was parsed from, to name lines. Raises ConfigurationError."""
+def faults_in(
+    document: dict[str, Any], source: str, text: str = "", sides: Sequence[str] = SIDES
+) -> tuple[ScriptedFault, ...]:
+    """Check a parsed document, for a cell with the arms `sides`. `text` is what it was parsed from, to name lines.
+
+    Raises ConfigurationError.
+    """
     for key in document:
         if key != "fault":
             raise ConfigurationError(one_line(f"{source}: unknown key {key!r}; each fault is a [[fault]] table"))
@@ -46,7 +43,7 @@ def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[Sc
     faults = []
     for number, table in enumerate(tables, 1):
         try:
-            faults.append(_fault(table))
+            faults.append(_fault(table, sides))
         except (_Wrong, ValueError) as error:  # ValueError: an integer that is too long to be shown
             line = _line(text, number, len(tables), error.key if isinstance(error, _Wrong) else "")
             raise ConfigurationError(one_line(f"{source}{line}: fault {number}{_named(table)}: {error}")) from None
@@ -55,7 +52,7 @@ def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[Sc
 
 def refuse_link_faults(faults: tuple[ScriptedFault, ...]) -> None:
     """Raise FaultNeedsLink where a fault is the link's: a cell in one process has none."""
-    kinds = sorted({fault.kind for fault in faults if isinstance(fault.effect, OF_THE_LINK)})
+    kinds = sorted({fault.effect.kind for fault in faults if fault.effect.of_the_link})
     if kinds:
         raise FaultNeedsLink(
             f"faults of the link ({', '.join(kinds)}) need the robot behind its interface: use rtstack sim --faults, "
@@ -74,7 +71,7 @@ class _Wrong(Exception):
         self.key = key
 
 
-def _fault(table: Any) -> ScriptedFault:
+def _fault(table: Any, arms: Sequence[str]) -> ScriptedFault:
     if not isinstance(table, dict):
         raise _Wrong("", f"expected a table, got {table!r}")
     kind = table.get("kind")
@@ -83,17 +80,17 @@ def _fault(table: Any) -> ScriptedFault:
         raise _Wrong("kind", f"{said}; choose one of {', '.join(KINDS)}")
     effect = KINDS[kind]
     own = [field.name for field in fields(effect)]
-    common = ["kind"] if effect in FROM_THE_START else ["kind", "at_s", "when", "delay_s"]
-    common += [] if effect in OF_NO_ARM else ["arm"]
-    common += [] if effect in WITHOUT_DURATION else ["duration_s"]
+    common = ["kind"] if effect is ObjectTilted else ["kind", "at_s", "when", "delay_s"]
+    common += ["arm"] if effect.of_an_arm else []
+    common += ["duration_s"] if effect.lasts else []
     for key in table:
         if key not in common + own:
             raise _Wrong(key, f"unknown key {key!r}; its keys are {', '.join(common + own)}")
-    sides = (0, 1) if effect in OF_NO_ARM else _sides(table)
-    if effect in ALSO_FROM_THE_START and not {"at_s", "when", "delay_s"} & set(table):
+    sides = _sides(table, arms) if effect.of_an_arm else tuple(range(len(arms)))
+    if effect is Mode and not {"at_s", "when", "delay_s"} & set(table):
         origin, delay_ms = Origin.START, 0
     else:
-        origin, delay_ms = (Origin.MOTION, 0) if effect in FROM_THE_START else _moment(table)
+        origin, delay_ms = (Origin.MOTION, 0) if effect is ObjectTilted else _moment(table)
     duration_ms = _milliseconds(table, "duration_s", smallest_s=1e-3) if "duration_s" in table else None
     if effect is Reflex and duration_ms is None:
         duration_ms = 1
@@ -104,12 +101,14 @@ def _fault(table: Any) -> ScriptedFault:
     return ScriptedFault(what, sides, origin, delay_ms, duration_ms)
 
 
-def _sides(table: dict[str, Any]) -> tuple[int, ...]:
+def _sides(table: dict[str, Any], arms: Sequence[str]) -> tuple[int, ...]:
     arm = table.get("arm")
-    if not isinstance(arm, str) or arm not in _ARMS:
+    if arm == "both" and len(arms) > 1:
+        return tuple(range(len(arms)))
+    if arm not in arms:
         said = "missing key 'arm'" if arm is None else f"arm cannot be {arm!r}"
-        raise _Wrong("arm", f"{said}; say {', '.join(SIDES)} or both")
-    return _ARMS[arm]
+        raise _Wrong("arm", f"{said}; say {', '.join(arms)}" + (" or both" if len(arms) > 1 else ", the one arm"))
+    return (arms.index(arm),)
 
 
 def _moment(table: dict[str, Any]) -> tuple[Origin, int]:

@@ -1,9 +1,12 @@
 """A script of faults at work in one simulated cell. The cell calls it at four places of each millisecond."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
+from hal.tracker import ObjectPose
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.kinds import (
     BaseShaken,
@@ -19,13 +22,40 @@ from sim_robot.faults.kinds import (
 )
 from sim_robot.faults.plant import PlantFaults
 from sim_robot.faults.schedule import Schedule
-from sim_robot.faults.tracker import FaultyTracker
 from sim_robot.plant import Plant
 from sim_robot.tracker import SimulatedTracker
 
 BASE_READING = error_bit("base_acceleration_invalid_reading")
 BASE_START = error_bit("base_acceleration_initialization_timeout")
 _STEADY = 1.0  # m/s^2: more than this beside gravity is no base at rest. The vendor publishes no number.
+
+
+class FaultyTracker:
+    """A simulated tracker as it is seen through faults. blind: no new frames; frozen: the last pose at new times."""
+
+    def __init__(self, inner: SimulatedTracker, blind: Callable[[], bool], frozen: Callable[[], bool]) -> None:
+        self._inner, self._blind, self._frozen = inner, blind, frozen
+        self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
+        self._frame_t_ns = -1
+
+    def update(self) -> None:
+        """Look at the object when a frame is due. The cell calls it once a millisecond."""
+        self._inner.update()
+        new = self._inner.latest()
+        if new.t_ns == self._frame_t_ns:
+            return
+        self._frame_t_ns = new.t_ns
+        if self._blind():
+            return
+        if self._frozen() and self._seen.record["seen"][0]:
+            self._seen.record["t_ns"] = new.record["t_ns"]
+        else:
+            self._seen.record[:] = new.record
+
+    def latest(self) -> ObjectPose:
+        """Return the newest frame. It belongs to the tracker and is overwritten by the next call."""
+        self._given.record[:] = self._seen.record
+        return self._given
 
 
 class Injection:
@@ -38,8 +68,8 @@ class Injection:
         self.schedule = Schedule(faults)
         self.plant = PlantFaults(plant, self.schedule, empty)
         self._boxes = boxes
-        self._left_in: list[RobotMode | None] = [None, None]  # the mode that a fault has left the arm in
-        self._frozen: list[np.ndarray | None] = [None, None]
+        self._left_in: list[RobotMode | None] = [None] * len(boxes)  # the mode that a fault has left the arm in
+        self._frozen: list[np.ndarray | None] = [None] * len(boxes)
 
     def tracker(self, inner: SimulatedTracker) -> FaultyTracker:
         """Return the tracker as the faults let it be seen."""

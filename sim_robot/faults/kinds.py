@@ -25,11 +25,11 @@
 | tracker_lost *   | -               | motion capture has no new frames of the object                                  |
 | tracker_frozen * | -               | motion capture repeats its last pose under rising time                          |
 
-Keys of every kind: `arm` = left, right or both (none for kinds with *); the moment, which is either `at_s`, the
-robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the object) and `delay_s`
-after it; `duration_s`, to the end when left out. A `mode` without a moment is there from the start. object_lost,
-disconnect and stall have no duration, object_tilted neither that nor a moment, and a reflex without one is over at
-once, though latched. Kinds with + need the Franka Control Interface between robot and client.
+Keys of every kind: `arm` = left, right or both, of those that the cell has (none for kinds with *); the moment, which
+is either `at_s`, the robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the
+object) and `delay_s` after it; `duration_s`, to the end when left out. A `mode` without a moment is there from the
+start. object_lost, disconnect and stall have no duration, object_tilted neither that nor a moment, and a reflex without
+one is over at once, though latched. Kinds with + need the Franka Control Interface between robot and client.
 
 Time is the plant's, in ms: a fault at 0.1 s acts on the ms that follows the state at 0.1 s, and the state after it is
 the first that shows, freezes or loses anything, and whose answer is the first that is lost. In lockstep the plant
@@ -37,10 +37,11 @@ stands still while no arm moves: nothing begins then, and what is active goes on
 a client that is sent no state of one arm is still waited for on the other arm.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
+from typing import ClassVar
 
-from hal.arrays import Seven
+from hal.base.arrays import Seven
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import ARM_STATE, RobotMode
 from sim_robot.scene import Vector3
@@ -53,65 +54,98 @@ LARGEST_TILT_DEG = 20.0  # steeper, it would slide off its wedge
 LARGEST_STALL_MS = 60_000.0
 LARGEST_ACCELERATION = 100.0  # m/s^2
 
-
-def _within(name: str, values: tuple[float, ...], lowest: float, largest: float) -> None:
-    for value in values:
-        if not lowest <= value <= largest:
-            raise ValueError(f"{name} must be within {lowest:g} and {largest:g}, got {value:g}")
+KINDS: dict[str, type["Effect"]] = {}
 
 
-@dataclass(frozen=True, slots=True)
-class Push:
+@dataclass(frozen=True)
+class Effect:
+    """What goes wrong; its fields are the kind's own keys. of_an_arm: it names an arm; lasts: it has a duration;
+    of_the_link: it needs the Franka Control Interface; bounds: of all of its numbers."""
+
+    kind: ClassVar[str]
+    of_an_arm: ClassVar[bool]
+    lasts: ClassVar[bool]
+    of_the_link: ClassVar[bool]
+    bounds: ClassVar[tuple[float, float]]
+
+    def __init_subclass__(
+        cls,
+        kind: str,
+        bounds: tuple[float, float] = (0.0, 0.0),
+        of_an_arm: bool = True,
+        lasts: bool = True,
+        of_the_link: bool = False,
+    ) -> None:
+        cls.kind, cls.bounds, cls.of_an_arm, cls.lasts, cls.of_the_link = kind, bounds, of_an_arm, lasts, of_the_link
+        KINDS[kind] = cls
+
+    def __post_init__(self) -> None:
+        lowest, largest = self.bounds
+        for each in fields(self):
+            given = getattr(self, each.name)
+            for value in given if isinstance(given, tuple) else (given,):
+                if not lowest <= value <= largest:
+                    raise ValueError(f"{each.name} must be within {lowest:g} and {largest:g}, got {value:g}")
+
+
+@dataclass(frozen=True)
+class Push(Effect, kind="push", bounds=(-LARGEST_FORCE_N, LARGEST_FORCE_N)):
     """A force on the pad's face, along the world's axes."""
 
     force_N: Vector3
 
-    def __post_init__(self) -> None:
-        _within("force_N", self.force_N, -LARGEST_FORCE_N, LARGEST_FORCE_N)
 
-
-@dataclass(frozen=True, slots=True)
-class JointPush:
+@dataclass(frozen=True)
+class JointPush(Effect, kind="joint_push", bounds=(-LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)):
     """An outer torque on the joints."""
 
     torque_Nm: Seven
 
-    def __post_init__(self) -> None:
-        _within("torque_Nm", self.torque_Nm, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)
 
-
-@dataclass(frozen=True, slots=True)
-class Slip:
+@dataclass(frozen=True)
+class Slip(Effect, kind="slip", bounds=(0.0, LARGEST_FACTOR)):
     """The pad loses its grip."""
 
     friction_factor: float
 
-    def __post_init__(self) -> None:
-        _within("friction_factor", (self.friction_factor,), 0.0, LARGEST_FACTOR)
+
+@dataclass(frozen=True)
+class ObjectLost(Effect, kind="object_lost", of_an_arm=False, lasts=False):
+    """The object is gone."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrictionChange:
+@dataclass(frozen=True)
+class ObjectMass(Effect, kind="object_mass", bounds=(SMALLEST_MASS_FACTOR, LARGEST_FACTOR), of_an_arm=False):
+    """The object is heavier or lighter than it looks."""
+
+    mass_factor: float
+
+
+@dataclass(frozen=True)
+class ObjectTilted(
+    Effect, kind="object_tilted", bounds=(-LARGEST_TILT_DEG, LARGEST_TILT_DEG), of_an_arm=False, lasts=False
+):
+    """Something lies under the object: its sides are not upright. Positive: the left arm's edge is the higher one."""
+
+    tilt_deg: float
+
+
+@dataclass(frozen=True)
+class FrictionChange(Effect, kind="friction_change", bounds=(0.0, LARGEST_FACTOR)):
     """The joints run more smoothly, or bind."""
 
     friction_factor: float
 
-    def __post_init__(self) -> None:
-        _within("friction_factor", (self.friction_factor,), 0.0, LARGEST_FACTOR)
 
-
-@dataclass(frozen=True, slots=True)
-class TauSensorBias:
+@dataclass(frozen=True)
+class TauSensorBias(Effect, kind="tau_sensor_bias", bounds=(-LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)):
     """The joint torque sensors are off."""
 
     bias_Nm: Seven
 
-    def __post_init__(self) -> None:
-        _within("bias_Nm", self.bias_Nm, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)
 
-
-@dataclass(frozen=True, slots=True)
-class Reflex:
+@dataclass(frozen=True)
+class Reflex(Effect, kind="reflex"):
     """The robot stops itself."""
 
     error: str
@@ -121,53 +155,15 @@ class Reflex:
             raise ValueError(f"error {self.error!r} is none of the vendor's: see hal/robot_errors.py")
 
 
-@dataclass(frozen=True, slots=True)
-class BaseShaken:
+@dataclass(frozen=True)
+class BaseShaken(Effect, kind="base_shaken", bounds=(-LARGEST_ACCELERATION, LARGEST_ACCELERATION)):
     """What the arm stands on is shaken, or the accelerometer in its base is broken."""
 
     acceleration: Vector3
 
-    def __post_init__(self) -> None:
-        _within("acceleration", self.acceleration, -LARGEST_ACCELERATION, LARGEST_ACCELERATION)
 
-
-@dataclass(frozen=True, slots=True)
-class Stall:
-    """The server stands still."""
-
-    stall_ms: float
-
-    def __post_init__(self) -> None:
-        _within("stall_ms", (self.stall_ms,), 0.0, LARGEST_STALL_MS)
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectLost:
-    """The object is gone."""
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectMass:
-    """The object is heavier or lighter than it looks."""
-
-    mass_factor: float
-
-    def __post_init__(self) -> None:
-        _within("mass_factor", (self.mass_factor,), SMALLEST_MASS_FACTOR, LARGEST_FACTOR)
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectTilted:
-    """Something lies under the object: its sides are not upright. Positive: the left arm's edge is the higher one."""
-
-    tilt_deg: float
-
-    def __post_init__(self) -> None:
-        _within("tilt_deg", (self.tilt_deg,), -LARGEST_TILT_DEG, LARGEST_TILT_DEG)
-
-
-@dataclass(frozen=True, slots=True)
-class UserStop:
+@dataclass(frozen=True)
+class UserStop(Effect, kind="user_stop"):
     """The external activation device is pressed."""
 
 
@@ -182,8 +178,8 @@ MODES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Mode:
+@dataclass(frozen=True)
+class Mode(Effect, kind="mode"):
     """The arm is in a mode out of which only a person leads."""
 
     state: str
@@ -203,13 +199,13 @@ class Mode:
         return self.state in ("self_test_due", "safety_function")
 
 
-@dataclass(frozen=True, slots=True)
-class StateFrozen:
+@dataclass(frozen=True)
+class StateFrozen(Effect, kind="state_frozen"):
     """The robot repeats itself."""
 
 
-@dataclass(frozen=True, slots=True)
-class StateNan:
+@dataclass(frozen=True)
+class StateNan(Effect, kind="state_nan"):
     """The robot reports nonsense."""
 
     field: str
@@ -219,75 +215,43 @@ class StateNan:
             raise ValueError(f"field {self.field!r} is none of the state's numbers: see hal/state.py")
 
 
-@dataclass(frozen=True, slots=True)
-class TimeBack:
+@dataclass(frozen=True)
+class TimeBack(Effect, kind="time_back", bounds=(1.0, LARGEST_STALL_MS)):
     """The robot's clock jumps back. libfranka takes no notice of a state that is older than the last one."""
 
     back_ms: float
 
-    def __post_init__(self) -> None:
-        _within("back_ms", (self.back_ms,), 1.0, LARGEST_STALL_MS)
 
-
-@dataclass(frozen=True, slots=True)
-class StatesLost:
+@dataclass(frozen=True)
+class StatesLost(Effect, kind="states_lost", of_the_link=True):
     """The way to the client is cut."""
 
 
-@dataclass(frozen=True, slots=True)
-class AnswersLost:
+@dataclass(frozen=True)
+class AnswersLost(Effect, kind="answers_lost", of_the_link=True):
     """The way from the client is cut."""
 
 
-@dataclass(frozen=True, slots=True)
-class Disconnect:
+@dataclass(frozen=True)
+class Disconnect(Effect, kind="disconnect", lasts=False, of_the_link=True):
     """The connection is closed."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerLost:
+@dataclass(frozen=True)
+class Stall(Effect, kind="stall", bounds=(0.0, LARGEST_STALL_MS), of_an_arm=False, lasts=False, of_the_link=True):
+    """The server stands still."""
+
+    stall_ms: float
+
+
+@dataclass(frozen=True)
+class TrackerLost(Effect, kind="tracker_lost", of_an_arm=False):
     """The object is hidden from the cameras."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerFrozen:
+@dataclass(frozen=True)
+class TrackerFrozen(Effect, kind="tracker_frozen", of_an_arm=False):
     """Motion capture repeats itself."""
-
-
-Effect = (
-    Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | BaseShaken | Stall | ObjectLost | ObjectMass
-    | ObjectTilted | UserStop | Mode | StateFrozen | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect
-    | TrackerLost | TrackerFrozen
-)  # fmt: skip
-
-KINDS: dict[str, type[Effect]] = {
-    "push": Push,
-    "joint_push": JointPush,
-    "slip": Slip,
-    "object_lost": ObjectLost,
-    "object_mass": ObjectMass,
-    "object_tilted": ObjectTilted,
-    "friction_change": FrictionChange,
-    "tau_sensor_bias": TauSensorBias,
-    "reflex": Reflex,
-    "base_shaken": BaseShaken,
-    "user_stop": UserStop,
-    "mode": Mode,
-    "state_frozen": StateFrozen,
-    "state_nan": StateNan,
-    "time_back": TimeBack,
-    "states_lost": StatesLost,
-    "answers_lost": AnswersLost,
-    "disconnect": Disconnect,
-    "stall": Stall,
-    "tracker_lost": TrackerLost,
-    "tracker_frozen": TrackerFrozen,
-}
-OF_NO_ARM = (ObjectLost, ObjectMass, ObjectTilted, Stall, TrackerLost, TrackerFrozen)
-WITHOUT_DURATION = (ObjectLost, ObjectTilted, Disconnect, Stall)
-FROM_THE_START = (ObjectTilted,)  # part of the scene: no moment
-ALSO_FROM_THE_START = (Mode,)  # where no moment is given
-OF_THE_LINK = (StatesLost, AnswersLost, Disconnect, Stall)
 
 
 class Origin(Enum):
@@ -300,15 +264,10 @@ class Origin(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ScriptedFault:
-    """One entry of the script. sides: 0 left, 1 right. duration_ms: None lasts to the end."""
+    """One entry of the script. sides: indices of the cell's arms. duration_ms: None lasts to the end."""
 
     effect: Effect
     sides: tuple[int, ...]
     origin: Origin
     delay_ms: int
     duration_ms: int | None
-
-    @property
-    def kind(self) -> str:
-        """Its name in a faults file."""
-        return next(name for name, effect in KINDS.items() if effect is type(self.effect))

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 
@@ -9,20 +10,11 @@ from hal.errors import RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell
-from sim_robot.fci.answers import AnswerTimes
 from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.move import GOAL_DEVIATION, PATH_DEVIATION, MoveRequest, Tolerances, deviates
 from sim_robot.fci.pace import LONGEST_SILENCE, PERIOD_NS
-from sim_robot.fci.protocol import (
-    GENERATOR_IDLE,
-    Command,
-    Controller,
-    Generator,
-    MoveStatus,
-    RecoveryStatus,
-    SetStatus,
-)
+from sim_robot.fci.protocol import GENERATOR_IDLE, Command, Controller, Generator, MoveStatus, RecoveryStatus, SetStatus
 from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
 from sim_robot.fci.settings import InvalidSetting, Settings
 from sim_robot.profile import BOX_DRAW, LINK_DRAW, Spread
@@ -32,6 +24,10 @@ _NEVER_NS = 1 << 62
 # a recovery is answered once the arm stands, rad/s, and nothing pushes it; or so many ms after the reflex
 _STANDS, _LONGEST_BRAKING_MS = 0.02, 500
 JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
+
+
+# Bins of the histogram of answers. An answer later than 2 ms is dropped anyway.
+_BIN_NS, _BINS = 5_000, 400
 
 
 def _flags(mask: int) -> np.ndarray:
@@ -46,6 +42,40 @@ def _possible(request: MoveRequest) -> bool:
     ):
         return False
     return request.generator != Generator.NONE or request.controller == Controller.EXTERNAL
+
+
+class AnswerTimes:
+    """A histogram of the time from a state to its answer's arrival, by the clock of the host that serves.
+
+    lost: states that got no answer in time.
+    """
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self.lost = 0
+
+    def note(self, elapsed_ns: int) -> None:
+        """Count one answer."""
+        self._counts[min(elapsed_ns // _BIN_NS, _BINS - 1)] += 1
+
+    @property
+    def answers(self) -> int:
+        """Answers so far."""
+        return int(self._counts.sum())
+
+    def percentile_us(self, share: float) -> float:
+        """Return the upper edge of the bin below which `share` percent of the answers lie, us; NaN without answers."""
+        total = np.cumsum(self._counts)
+        if not total[-1]:
+            return float("nan")
+        return 1e-3 * _BIN_NS * (1 + int(np.searchsorted(total, share / 100.0 * total[-1])))
+
+    def report(self) -> str:
+        """One line for people."""
+        if not self.answers:
+            return "no answers"
+        p50, p99, p999 = (self.percentile_us(share) for share in (50.0, 99.0, 99.9))
+        return f"{self.answers} answers, after {p50:.0f} us p50, {p99:.0f} p99, {p999:.0f} p99.9; {self.lost} lost"
 
 
 class ArmServer:
@@ -73,7 +103,7 @@ class ArmServer:
         self.hold_replies = False  # in lockstep: until the plant is at rest
         self.proximity = proximity
         self.link, self.settings, self.motion = link, settings, motion
-        self.box: DrivenBox = cell.boxes[side]
+        self.box = cast(DrivenBox, cell.boxes[side])  # the box_kind of a served cell
         self.box.attach(cell.states[side], motion, settings.record, cell.sensors.kinematics[side])
         self.message_id = 0
         self.first_id = 0  # an answer to an older message is too late
@@ -102,8 +132,8 @@ class ArmServer:
 
     def link_late(self) -> tuple[Sequence[float], tuple[int, int, int]]:
         """How late this arm's states reach a client, us, where the profile says it (see Link.be_late), and the seed."""
-        profile = self._cell.plant.profile
-        return (profile.left, profile.right)[self._side].link_late_us or (), (self._cell.seed, LINK_DRAW, self._side)
+        plant, seed = self._cell.plant, (self._cell.seed, LINK_DRAW, self._side)
+        return plant.profile.twins(plant.sides)[self._side].link_late_us or (), seed
 
     @property
     def moving(self) -> bool:
@@ -214,14 +244,10 @@ class ArmServer:
         self.box.lock()
         self._rest()
 
-    def unlock_brakes(self) -> None:
-        """Stand under control again."""
-        self.box.stop()
-
     # after each ms of the plant
 
     def judge(self, collisions: int, proximity: int) -> None:
-        """Stop at a collision, a mask of robot_state, or near the other arm or the table."""
+        """Stop at a collision, a mask of robot_state, or near another arm or the table."""
         errors = proximity
         if collisions & JOINT_COLLISION:
             errors |= JOINT_REFLEX

@@ -1,18 +1,129 @@
 """A control box with the robot's own controllers: what each pair of controller and motion generator does."""
 
+from math import sqrt
+
 import numpy as np
 
+from hal.compilation import compiled
 from hal.state import RobotMode
+from sim_robot.arm_description import JOINTS
 from sim_robot.control_box import ControlBox
 from sim_robot.fci import joint_motion
 from sim_robot.fci.cartesian_motion import CMG_VELOCITY_JUMP, follow_cartesian
-from sim_robot.fci.generators import extrapolate, start_motion
-from sim_robot.fci.impedance import cartesian_impedance
+from sim_robot.fci.joint_motion import DT, JOINT_VELOCITY
+from sim_robot.fci.pose_step import inverse_step, turn
 from sim_robot.fci.protocol import ROBOT_COMMAND, Controller, Generator
-from sim_robot.fci.robot_state import MOTION_RECORD
-from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
+from sim_robot.fci.robot_state import ELBOW_FLIP, MOTION_RECORD, product
+from sim_robot.kinematics import KINEMATICS_RECORD, cholesky, forward_kinematics, solve
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import ReflexParameters
+
+# inertia that the damping is critical for, seen at the end effector: kg, kg m^2 (the vendor publishes none)
+_MASS, _INERTIA = 4.0, 0.1
+# holds the elbow, Nm/rad and Nms/rad, in what motion of the joints leaves the end effector
+_NULL_STIFFNESS, _NULL_DAMPING = 20.0, 5.0
+
+
+@compiled
+def cartesian_impedance(state, motion, setting, measured, desired, tau):
+    """Set tau (7,), Nm without gravity: J^T (K_x e + D_x de) along the axes of the stiffness frame, and the elbow.
+
+    `measured` and `desired` are scratch KINEMATICS_RECORDs. With a joint generator the pose follows from q_d.
+    """
+    T, T_d, e = np.empty((4, 4)), np.empty((4, 4)), np.empty(6)
+    forward_kinematics(desired, motion.q_d)
+    product(desired.T, setting.face_T_K, T_d)
+    forward_kinematics(measured, state.q)
+    product(measured.T, setting.face_T_K, T)
+    J = measured.J
+    lever = (T[0, 3] - measured.T[0, 3], T[1, 3] - measured.T[1, 3], T[2, 3] - measured.T[2, 3])
+    for j in range(JOINTS):
+        ax, ay, az = J[3, j], J[4, j], J[5, j]
+        J[0, j] += ay * lever[2] - az * lever[1]
+        J[1, j] += az * lever[0] - ax * lever[2]
+        J[2, j] += ax * lever[1] - ay * lever[0]
+    # half the sum of the axes' cross products: the sine of the angle, enough for what a stiff controller leaves
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        total = 0.0
+        for c in range(3):
+            total += T[a, c] * T_d[b, c] - T[b, c] * T_d[a, c]
+        e[k], e[k + 3] = T_d[k, 3] - T[k, 3], total / 2.0
+    wrench = np.zeros(6)
+    for half in range(2):
+        for c in range(3):  # along the axes of K
+            error, rate = 0.0, 0.0
+            for r in range(3):
+                error += T[r, c] * e[3 * half + r]
+                for j in range(JOINTS):
+                    rate += T[r, c] * J[3 * half + r, j] * (motion.dq_d[j] - state.dq[j])
+            K = setting.K_x[3 * half + c]
+            force = K * error + 2.0 * sqrt(K * (_MASS if half == 0 else _INERTIA)) * rate
+            for r in range(3):
+                wrench[3 * half + r] += T[r, c] * force
+    null = np.empty(JOINTS)
+    for j in range(JOINTS):
+        null[j] = _NULL_STIFFNESS * (motion.q_d[j] - state.q[j]) + _NULL_DAMPING * (motion.dq_d[j] - state.dq[j])
+    # take out of `null` what pushes the end effector: null - J^T (J J^T + d I)^-1 J null
+    b = np.zeros(6)
+    for i in range(6):
+        for j in range(JOINTS):
+            b[i] += J[i, j] * null[j]
+        for k in range(i + 1):
+            measured.JJ[i, k] = 0.0
+            for j in range(JOINTS):
+                measured.JJ[i, k] += J[i, j] * J[k, j]
+    cholesky(measured.JJ, 1e-4, measured.factor)  # positive definite by the shift
+    solve(measured.factor, b)
+    for j in range(JOINTS):
+        total = null[j]
+        for i in range(6):
+            total += J[i, j] * (wrench[i] - b[i])
+        most = setting.joint_limits[7, j]
+        tau[j] = max(-most, min(most, total))
+
+
+@compiled
+def start_motion(motion, body, setting, q_start):
+    """Begin at rest at q_start (7,): the pose, the elbow and all rates follow from it."""
+    forward_kinematics(body, q_start)
+    product(body.T, setting.face_T_EE, motion.O_T_EE_d)
+    motion.O_T_EE_c[:] = motion.O_T_EE_d
+    for j in range(JOINTS):
+        motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q_start[j], 0.0, 0.0
+    for i in range(6):
+        motion.O_dP_EE_d[i], motion.O_dP_EE_c[i], motion.O_ddP_EE_c[i] = 0.0, 0.0, 0.0
+    motion.elbow_c[0] = q_start[2]
+    motion.elbow_c[1] = 1.0 if q_start[3] > ELBOW_FLIP else -1.0
+    for i in range(2):
+        motion.delbow_c[i], motion.ddelbow_c[i] = 0.0, 0.0
+    motion.first, motion.with_elbow = 1, 0
+
+
+@compiled
+def extrapolate(motion, kind, body, setting):
+    """Get over a lost packet with constant acceleration, joints or pose, as the robot does."""
+    if kind <= JOINT_VELOCITY:
+        for j in range(JOINTS):
+            motion.dq_d[j] += motion.ddq_d[j] * DT
+            motion.q_d[j] += motion.dq_d[j] * DT
+        return
+    for i in range(6):
+        motion.O_dP_EE_c[i] += motion.O_ddP_EE_c[i] * DT
+        motion.O_dP_EE_d[i] = motion.O_dP_EE_c[i]
+    turn(motion.O_T_EE_d, motion.O_dP_EE_c, DT)
+    motion.O_T_EE_c[:] = motion.O_T_EE_d
+    if motion.with_elbow != 0:
+        motion.delbow_c[0] += motion.ddelbow_c[0] * DT
+        motion.elbow_c[0] += motion.delbow_c[0] * DT
+    q = motion.q_d.copy()
+    for _ in range(3):
+        inverse_step(body, setting, motion.O_T_EE_d, motion.elbow_c[0], motion.with_elbow != 0, q)
+    for j in range(JOINTS):
+        dq = (q[j] - motion.q_d[j]) / DT
+        motion.ddq_d[j] = (dq - motion.dq_d[j]) / DT
+        motion.q_d[j], motion.dq_d[j] = q[j], dq
+
 
 JOINT_GENERATORS = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
 CARTESIAN_GENERATORS = (Generator.CARTESIAN_POSITION, Generator.CARTESIAN_VELOCITY)

@@ -12,10 +12,10 @@ import contextlib
 import socket
 import struct
 import time
-from collections.abc import Callable
 
 from sim_robot.fci.poller import Poller
-from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION, VACUUM_PORT, VACUUM_VERSION
+from sim_robot.fci.port import Port, Session
+from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 from sim_robot.gripper import ROOM_TEMPERATURE
 from sim_robot.hand import Hand, Order
 
@@ -32,103 +32,62 @@ _PAYLOADS = {
 _SUCCESS, _INCOMPATIBLE = 0, 1
 NOT_MOUNTED = 2  # not the vendor's, who has only the two above
 MOST_CLIENTS = 4
-BACKLOG, ACCEPT_PERIOD_S = 128, 0.5e-3  # as in link.py: who waits in the kernel is taken one at a time
 _RESET = struct.pack("ii", 1, 0)  # SO_LINGER, socket(7)
 
 
-class GripperPort:
-    """One gripper's port at one arm's address. hand: None where none is mounted. Never blocks, never trusts a size."""
+class GripperPort(Port):
+    """One gripper's port at one arm's address. hand: None where none is mounted."""
+
+    header, payloads, most = GRIPPER_HEADER, _PAYLOADS, MOST_CLIENTS
 
     def __init__(
         self, poller: Poller, address: str, hand: Hand | None, port: int = GRIPPER_PORT, version: int = GRIPPER_VERSION
     ) -> None:
         """Listen. Raises OSError."""
-        self._poller, self._hand, self._version = poller, hand, version
-        self._listener = socket.create_server((address, port), backlog=BACKLOG)
-        self._listener.setblocking(False)
-        # each client: what it sent so far, and where its states go once it has said Connect
-        self._inboxes: dict[socket.socket, bytearray] = {}
-        self._targets: dict[socket.socket, tuple[str, int]] = {}
-        self._orders: list[tuple[socket.socket, int, int, Order]] = []  # who waits: client, command, its id
+        super().__init__(poller, address, port)
+        self._hand, self._version = hand, version
+        self._targets: dict[Session, tuple[str, int]] = {}  # where the states of each client go
+        self._orders: list[tuple[Session, int, int, Order]] = []  # who waits: client, command, its id
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.setblocking(False)
         self._udp.bind((address, 0))
         self._message_id = 0
         self._state_due_s = 0.0
-        poller.watch(self._listener, self._accept)
 
     @property
     def in_use(self) -> bool:
         """True while a client is connected to a hand."""
         return bool(self._targets)
 
-    def _accept(self) -> None:
-        self._poller.rest(self._listener, ACCEPT_PERIOD_S)
-        try:
-            tcp, _ = self._listener.accept()
-        except OSError:
-            return
+    def _set_up(self, tcp: socket.socket) -> None:
         tcp.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
-        if len(self._inboxes) >= MOST_CLIENTS:
-            # who has been silent for longest, if any: a client says Connect at once
-            silent = next((one for one in self._inboxes if one not in self._targets), None)
-            if silent is None:
-                tcp.close()
-                return
-            self._drop(silent)
-        tcp.setblocking(False)
-        self._inboxes[tcp] = bytearray()
-        self._poller.watch(tcp, self._server_of(tcp))
 
-    def _server_of(self, tcp: socket.socket) -> Callable[[], None]:
-        return lambda: self._serve(tcp)
+    def _is_client(self, session: Session) -> bool:
+        return session in self._targets
 
-    def _drop(self, tcp: socket.socket) -> None:
+    def _gone(self, session: Session) -> None:
         """Forget a client. What it has ordered goes on."""
-        self._inboxes.pop(tcp, None)
-        self._targets.pop(tcp, None)
-        self._orders = [waiting for waiting in self._orders if waiting[0] is not tcp]
-        self._poller.forget(tcp)
-        tcp.close()
+        self._targets.pop(session, None)
+        self._orders = [waiting for waiting in self._orders if waiting[0] is not session]
 
-    def _serve(self, tcp: socket.socket) -> None:
-        try:
-            chunk = tcp.recv(4096)
-        except BlockingIOError:
-            return
-        except OSError:
-            chunk = b""
-        if not chunk:
-            self._drop(tcp)
-            return
-        inbox = self._inboxes[tcp]
-        inbox += chunk
-        while tcp in self._inboxes and len(inbox) >= GRIPPER_HEADER.size:
-            command, command_id, size = GRIPPER_HEADER.unpack_from(inbox)
-            if command not in _PAYLOADS or size != GRIPPER_HEADER.size + _PAYLOADS[command].size:
-                self._drop(tcp)
-                return
-            if len(inbox) < size:
-                return
-            values = _PAYLOADS[command].unpack_from(inbox, GRIPPER_HEADER.size)
-            del inbox[:size]
-            if command == _CONNECT:
-                self._connect(tcp, command_id, *values)
-            elif self._hand is None or tcp not in self._targets:
-                self._drop(tcp)
-            else:
-                self._orders.append((tcp, command, command_id, self._order(self._hand, command, values)))
-                self.settle()
+    def _dispatch(self, session: Session, command: int, command_id: int, values: tuple) -> None:
+        if command == _CONNECT:
+            self._connect(session, command_id, *values)
+        elif self._hand is None or session not in self._targets:
+            self._distrust(session)
+        else:
+            self._orders.append((session, command, command_id, self._order(self._hand, command, values)))
+            self.settle()
 
-    def _connect(self, tcp: socket.socket, command_id: int, version: int, port: int) -> None:
+    def _connect(self, session: Session, command_id: int, version: int, port: int) -> None:
         status = _SUCCESS
         if version != self._version:
             status = _INCOMPATIBLE
         elif self._hand is None:
             status = NOT_MOUNTED
         else:
-            self._targets[tcp] = (tcp.getpeername()[0], port)
-        self._answer(tcp, _CONNECT, command_id, struct.pack("<HH", status, self._version))
+            self._targets[session] = (session.address, port)
+        self._answer(session, _CONNECT, command_id, struct.pack("<HH", status, self._version))
 
     @staticmethod
     def _order(hand: Hand, command: int, values: tuple[float, ...]) -> Order:
@@ -141,20 +100,20 @@ class GripperPort:
         width, inner, outer, speed, force = values
         return hand.grasp(width, speed, force, inner, outer)
 
-    def _answer(self, tcp: socket.socket, command: int, command_id: int, body: bytes) -> None:
+    def _answer(self, session: Session, command: int, command_id: int, body: bytes) -> None:
         message = GRIPPER_HEADER.pack(command, command_id, GRIPPER_HEADER.size + len(body)) + body
         with contextlib.suppress(OSError):
-            if tcp.send(message) == len(message):
+            if session.tcp.send(message) == len(message):
                 return
-        self._drop(tcp)
+        self._close(session)
 
     def settle(self) -> None:
         """Answer whose command has ended, in the order in which they came."""
         ended = [waiting for waiting in self._orders if waiting[3].outcome is not None]
         if ended:
             self._orders = [waiting for waiting in self._orders if waiting[3].outcome is None]
-            for tcp, command, command_id, order in ended:
-                self._answer(tcp, command, command_id, struct.pack("<H", order.outcome))
+            for session, command, command_id, order in ended:
+                self._answer(session, command, command_id, struct.pack("<H", order.outcome))
 
     def show(self) -> None:
         """Send the state to who is connected, ten times a second however often it is called."""
@@ -171,13 +130,5 @@ class GripperPort:
 
     def close(self) -> None:
         """Close every socket."""
-        for tcp in tuple(self._inboxes):
-            self._drop(tcp)
-        self._poller.forget(self._listener)
-        self._listener.close()
+        self.listen(False)
         self._udp.close()
-
-
-def vacuum_port(poller: Poller, address: str) -> GripperPort:
-    """Return the port of a vacuum gripper that is not mounted: no scene has one. Raises OSError."""
-    return GripperPort(poller, address, None, VACUUM_PORT, VACUUM_VERSION)

@@ -1,7 +1,6 @@
-"""One arm's sockets: who is connected, whole checked requests in, answers and states out. Never blocks.
+"""One arm's sockets: whole checked requests in, answers and states out. Never blocks.
 
-Nothing that arrives is trusted: a header with an unknown command or a size that is not that command's closes the
-connection. Only one client has the arm; others are turned away when they say Connect.
+Only one client has the arm; others are turned away when they say Connect.
 """
 
 import contextlib
@@ -14,22 +13,11 @@ from functools import partial
 import numpy as np
 
 from sim_robot.fci.poller import Poller
-from sim_robot.fci.protocol import (
-    HEADER,
-    LARGEST_REQUEST,
-    PAYLOADS,
-    PORT,
-    ROBOT_COMMAND,
-    VERSION,
-    Command,
-    ConnectStatus,
-    response,
-)
+from sim_robot.fci.port import Port, Session
+from sim_robot.fci.protocol import HEADER, PAYLOADS, PORT, ROBOT_COMMAND, VERSION, Command, ConnectStatus, response
 from sim_robot.profile import LATE_SHARES
 
 MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client
-BACKLOG = 128  # connections that wait in the kernel to be taken
-ACCEPT_PERIOD_S = 0.5e-3  # one connection at a time, so that a flood costs the loop two a millisecond
 LARGEST_OUTBOX = 1 << 20  # a client that asks and never reads
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h: each datagram carries when the kernel got it, a timespec
 _TIMESPEC = struct.Struct("qq")
@@ -37,16 +25,10 @@ _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 MOST_DATAGRAMS = 32  # read at a time, so that a flood cannot hold the loop
 
 
-class ClientConnection:
-    """One TCP connection and what it has not sent or read yet."""
-
-    def __init__(self, tcp: socket.socket, address: str) -> None:
-        self.tcp, self.address = tcp, address
-        self.inbox, self.outbox = bytearray(), bytearray()
-
-
-class Link:
+class Link(Port):
     """The network side of one arm. `on_request` gets whole requests, `on_command` the datagrams of the client."""
+
+    header, payloads, most = HEADER, PAYLOADS, MOST_SESSIONS
 
     def __init__(
         self,
@@ -57,64 +39,31 @@ class Link:
         on_gone: Callable[[], None],
     ) -> None:
         """Listen at `address`, port 1337. Raises OSError, for example when the port is taken."""
-        self._poller, self._on_request, self._on_command = poller, on_request, on_command
-        self._on_gone = on_gone
-        self.address = address
-        self.refused = 0  # connections and messages that were not trusted
-        self._sessions: list[ClientConnection] = []
-        self.client: ClientConnection | None = None
+        self._on_request, self._on_command, self._on_gone = on_request, on_command, on_gone
+        self.client: Session | None = None
         self._udp: socket.socket | None = None
         self._command = np.zeros(1, ROBOT_COMMAND)
         self._command_bytes = self._command.view(np.uint8).data
         self._overlong = bytearray(ROBOT_COMMAND.itemsize + 1)  # one more byte shows a datagram that is too long
         self._buffers = (self._overlong,)
         self.arrived_ns = 0  # when the command that `on_command` gets came in, by the kernel's word, ns of time.time_ns
-        self._listener: socket.socket | None = None
         self._late_us: Sequence[float] = ()
         self._draws, self._last_s = np.random.default_rng(0), 0.0
-        self.listen(True)
+        super().__init__(poller, address, PORT)
 
     # connections
 
-    def listen(self, wanted: bool) -> None:
-        """Take connections, or refuse each one, and hang up on all that there are. Raises OSError."""
-        if wanted and self._listener is None:
-            self._listener = socket.create_server((self.address, PORT), backlog=BACKLOG)
-            self._listener.setblocking(False)
-            self._poller.watch(self._listener, self._accept)
-        elif not wanted and self._listener is not None:
-            for session in tuple(self._sessions):
-                self._close(session)
-            self._poller.forget(self._listener)
-            self._listener.close()
-            self._listener = None
-
-    def _accept(self) -> None:
-        assert self._listener is not None
-        self._poller.rest(self._listener, ACCEPT_PERIOD_S)
-        try:
-            tcp, (address, _) = self._listener.accept()
-        except OSError:
-            return
-        if len(self._sessions) >= MOST_SESSIONS:
-            # who has been silent for longest: a client says Connect at once
-            self._distrust(next(session for session in self._sessions if session is not self.client))
-        tcp.setblocking(False)
+    def _set_up(self, tcp: socket.socket) -> None:
         tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # a client whose end the cable has swallowed makes room for the next one within some seconds
         tcp.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, seconds_or_times in ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3)):
             tcp.setsockopt(socket.IPPROTO_TCP, option, seconds_or_times)
-        session = ClientConnection(tcp, address)
-        self._sessions.append(session)
-        self._poller.watch(tcp, lambda: self._serve(session))
 
-    def _close(self, session: ClientConnection) -> None:
-        if session not in self._sessions:
-            return
-        self._sessions.remove(session)
-        self._poller.forget(session.tcp)
-        session.tcp.close()
+    def _is_client(self, session: Session) -> bool:
+        return session is self.client
+
+    def _gone(self, session: Session) -> None:
         if session is self.client:
             self.client = None
             if self._udp is not None:
@@ -123,45 +72,22 @@ class Link:
                 self._udp = None
             self._on_gone()
 
-    def _distrust(self, session: ClientConnection) -> None:
-        self.refused += 1
-        self._close(session)
-
     # requests
 
-    def _serve(self, session: ClientConnection) -> None:
+    def _serve(self, session: Session) -> None:
         if session.outbox:
             self._flush(session)
-        try:
-            chunk = session.tcp.recv(4096)
-        except BlockingIOError:
-            return
-        except OSError:
-            chunk = b""
-        if not chunk:
-            self._close(session)
-            return
-        session.inbox += chunk
-        while session in self._sessions and len(session.inbox) >= HEADER.size:
-            number, command_id, size = HEADER.unpack_from(session.inbox)
-            if size > LARGEST_REQUEST or number not in PAYLOADS or size != HEADER.size + PAYLOADS[Command(number)].size:
-                self._distrust(session)
-                return
-            if len(session.inbox) < size:
-                return
-            values = PAYLOADS[Command(number)].unpack_from(session.inbox, HEADER.size)
-            del session.inbox[:size]
-            self._dispatch(session, Command(number), command_id, values)
+        super()._serve(session)
 
-    def _dispatch(self, session: ClientConnection, command: Command, command_id: int, values: tuple) -> None:
+    def _dispatch(self, session: Session, command: int, command_id: int, values: tuple) -> None:
         if command == Command.CONNECT:
             self._connect(session, command_id, *values)
         elif session is self.client:
-            self._on_request(command, command_id, values)
+            self._on_request(Command(command), command_id, values)
         else:
             self._distrust(session)
 
-    def _connect(self, session: ClientConnection, command_id: int, version: int, udp_port: int) -> None:
+    def _connect(self, session: Session, command_id: int, version: int, udp_port: int) -> None:
         for _ in range(2):  # the client's last words, and that it has hung up, may have come together with this
             if self.client not in (None, session):
                 self._serve(self.client)
@@ -195,14 +121,14 @@ class Link:
         if self.client is not None:
             self._send(self.client, response(command, command_id, body))
 
-    def _send(self, session: ClientConnection, data: bytes) -> None:
+    def _send(self, session: Session, data: bytes) -> None:
         session.outbox += data
         if len(session.outbox) > LARGEST_OUTBOX:
             self._distrust(session)
             return
         self._flush(session)
 
-    def _flush(self, session: ClientConnection) -> None:
+    def _flush(self, session: Session) -> None:
         try:
             del session.outbox[: session.tcp.send(session.outbox)]
         except BlockingIOError:

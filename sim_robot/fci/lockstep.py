@@ -49,11 +49,11 @@ class Lockstep:
         self._resting = False
         self._idle_due_s = 0.0
         self._tidied_s = time.monotonic()
-        self._were_moving = (False, False)
+        self._were_moving = tuple(False for _ in server.arm_servers)
         self._hands_moved = False
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Serve both arms."""
+        """Serve all arms."""
         server = self._server
         while not stopped():
             server.look_at_desk()

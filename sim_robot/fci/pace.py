@@ -11,7 +11,7 @@
    LARGEST_LAG_NS it is given up.
 4. An answer counts that the kernel got before the window's end, and one that came while the server was stalled, if it
    is not from who has been silent for as long. A torque that is later, but within a ms of its state, counts for the
-   next ms; a motion's point does not (station.py).
+   next ms; a motion's point does not (arm_server.py).
 """
 
 PERIOD_NS = 1_000_000

@@ -58,7 +58,6 @@ PAYLOADS: dict[Command, struct.Struct] = {
     Command.AUTOMATIC_ERROR_RECOVERY: struct.Struct("<"),
     Command.GET_ROBOT_MODEL: struct.Struct("<"),
 }
-LARGEST_REQUEST = HEADER.size + max(payload.size for payload in PAYLOADS.values())
 
 
 class ConnectStatus(IntEnum):

@@ -1,4 +1,4 @@
-"""The pace of the robot: 1 kHz by absolute deadlines, answered or not; one clock for both arms, or one each.
+"""The pace of the robot: 1 kHz by absolute deadlines, answered or not; one clock for all arms, or one each.
 
 With a phase or a drift the right arm has a clock of its own, as two control boxes do. Modelled: each arm's states go
 out, its message ids count, and its answers are due and are applied, at its own instants. Both share one plant, which
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.pace import LONGEST_SILENCE, PERIOD_NS, Pace
 from sim_robot.fci.server import Server
-from sim_robot.model import SIDES
 
 # of each ms, so that states go out on time: what timers and wake-ups may take
 AWAKE_NS = 120_000
@@ -63,7 +62,7 @@ class Realtime:
     """Serves until `stopped` says so. stalls: how often the server was over a period late by itself."""
 
     def __init__(self, server: Server, right_clock: RightClock | None = None, slower: float = 1.0) -> None:
-        """Without a right_clock, or with one that is exactly the left one's, both arms share one.
+        """Without a right_clock, or with one that is exactly the left one's, all arms share one.
 
         slower: so many times slower than real time, everything else alike: for hosts that do not keep time.
         """
@@ -79,13 +78,13 @@ class Realtime:
         self._last_stalls: deque[str] = deque(maxlen=STALLS_SAID)
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Serve both arms."""
+        """Serve all arms."""
         server, clock = self._server, time.monotonic_ns
-        left, right = server.arm_servers
         start = clock()
         if self._right is None:
-            self._clocks = (_BoxClock((left, right), start, self._period_ns),)
+            self._clocks = (_BoxClock(server.arm_servers, start, self._period_ns),)
         else:
+            left, right = server.arm_servers
             right.box.own_clock = True
             later = start + round(1e3 * self._right.phase_us)
             period_ns = self._slower * self._right.period_ns
@@ -104,10 +103,10 @@ class Realtime:
                 if self.ticks % 100 == 0:
                     server.show_grippers()
                     server.tidy(0.1)
-            else:
-                right.box.sample()
-                right.settle_outcome()
             for arm_server in due.arm_servers:
+                if due is not plant_clock:
+                    arm_server.box.sample()
+                    arm_server.settle_outcome()
                 arm_server.show_new()
             now = clock()
             due.show(now)
@@ -134,7 +133,7 @@ class Realtime:
             f"{self.ticks} ticks, {self.stalls} stalls of this host (worst {1e-6 * self.worst_stall_ns:.1f} ms), "
             f"{1e-6 * slipped_ns:.1f} ms given up"
         )
-        arms = zip(SIDES, self._server.arm_servers, strict=True)
+        arms = zip(self._server.cell.scene.sides, self._server.arm_servers, strict=True)
         lines = (
             f"{side}: {server.answers.report()}; {int(server.motion['beyond'])} targets beyond the published limits"
             for side, server in arms

@@ -131,13 +131,13 @@ def _levels(value, lower, upper, watching, contact, collision):
 
 @compiled
 def fill_states(states, measured, desired, settings, motions, motors, wires, collisions):
-    """Fill both wires from both states, all of them (2,), and tell in `collisions` (2,) who is above its thresholds.
+    """Fill the wires from the states, all of them (n,), and tell in `collisions` (n,) who is above its thresholds.
 
     measured: the sensors' KINEMATICS_RECORD at the measured q; desired: a second one, for q_d. Modes, errors and the
     message id are not filled here.
     """
     T, lever, twist, wrench = np.empty((4, 4)), np.empty(3), np.empty(6), np.empty(6)
-    for arm in range(2):
+    for arm in range(states.shape[0]):
         state, body, setting, motion, wire = states[arm], measured[arm], settings[arm], motions[arm], wires[arm]
         for j in range(JOINTS):
             wire.q[j], wire.dq[j] = state.q[j], state.dq[j]

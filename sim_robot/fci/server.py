@@ -1,43 +1,116 @@
-"""Both arms of one plant behind their links, ticked by a pace: in real time or in lockstep."""
+"""The arms of one plant behind their links, ticked by a pace: in real time or in lockstep.
 
+What a box's Desk lets its FCI do: with FCI off it refuses every connection, with locked brakes every motion.
+
+libfranka calls the first "Connection to FCI refused", the second "command not possible in the current mode (Other)".
+"""
+
+import contextlib
 import functools
+import socket
 
 import numpy as np
 
+from hal.state import RobotMode
+from hal.tracker import ObjectTracker
+from hal.tracker_link import DATAGRAM
 from sim_robot.cell import SimulatedCell
 from sim_robot.fci import link_faults
 from sim_robot.fci.arm_server import ArmServer
-from sim_robot.fci.desk_gate import DeskGate
-from sim_robot.fci.gripper import GripperPort, vacuum_port
+from sim_robot.fci.gripper import GripperPort
 from sim_robot.fci.poller import Poller
-from sim_robot.fci.protocol import ROBOT_STATE, Command
+from sim_robot.fci.protocol import ROBOT_STATE, VACUUM_PORT, VACUUM_VERSION, Command
 from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
 from sim_robot.fci.settings import SETTINGS_RECORD, Settings
-from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.proximity import Proximity
 
 TIDY_AFTER_S = 1.0
 
 
-class Server:
-    """The arm_servers of both arms, and the one way in which the plant goes on."""
+class DeskGate:
+    """Between the FLAGS of a box (sim_robot.desk.process) and its arm. `look` is called each millisecond."""
 
-    def __init__(self, cell: SimulatedCell, parameters: PlantParameters, addresses: tuple[str, str]) -> None:
-        """Listen at both addresses (left, right). Raises OSError when one cannot be taken."""
+    def __init__(self, flags: np.void, arm_server: ArmServer) -> None:
+        self._flags, self._arm_server = flags, arm_server
+        self._locked = False  # by Desk: a scripted fault shows the same mode
+
+    def look(self) -> None:
+        """Follow what Desk was told, and tell it what the arm does."""
+        flags, server = self._flags, self._arm_server
+        mode = server.box.mode
+        flags["moving"] = mode == RobotMode.MOVE
+        flags["user_stop"] = mode == RobotMode.USER_STOPPED
+        if not flags["fci"]:
+            server.preempt()
+        server.link.listen(bool(flags["fci"]))
+        if flags["locked"] and mode in (RobotMode.IDLE, RobotMode.MOVE):
+            server.preempt()
+            server.lock_brakes()
+            self._locked = True
+        elif self._locked and not flags["locked"]:
+            self._locked = False
+            if mode == RobotMode.OTHER:
+                server.box.stop()
+
+
+class TrackerFeed:
+    """Sends each new pose of a tracker once, as a datagram (hal.tracker_link) to one listener. Never blocks; a listener
+    that is not there is no error."""
+
+    def __init__(self, tracker: ObjectTracker, listener: tuple[str, int]) -> None:
+        self._tracker, self._behind_ns = tracker, 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.connect(listener)
+        self._sent_t_ns = -1
+        self._datagram = np.zeros(1, DATAGRAM)
+
+    def publish(self, robot_t_ns: int, plant_t_ns: int) -> None:
+        """Send the newest pose if it was not sent yet, stamped with the robot's time, as far as its clock is right.
+
+        Call it before the state of that time goes out, so that who has the state has the pose too. plant_t_ns: what the
+        poses' own time is now.
+        """
+        pose = self._tracker.latest().record
+        t_ns = int(pose["t_ns"][0])
+        if t_ns == self._sent_t_ns:
+            return
+        self._sent_t_ns = t_ns
+        self._datagram[:] = pose
+        self._behind_ns = plant_t_ns - t_ns
+        self.repeat(robot_t_ns)
+
+    def repeat(self, robot_t_ns: int) -> None:
+        """Send the last pose again, with another time."""
+        self._datagram["t_ns"] = robot_t_ns - self._behind_ns
+        with contextlib.suppress(OSError):
+            self._socket.send(self._datagram.data)
+
+    def close(self) -> None:
+        """Release the socket."""
+        self._socket.close()
+
+
+class Server:
+    """The arm_servers of all arms, and the one way in which the plant goes on."""
+
+    def __init__(self, cell: SimulatedCell, parameters: PlantParameters, addresses: tuple[str, ...]) -> None:
+        """Listen at the arms' addresses, in the order of `Scene.sides`. Raises OSError when one cannot be taken."""
         self.cell, self.poller, scene = cell, Poller(), cell.scene
-        self._wires = np.zeros(2, ROBOT_STATE)
-        self._settings = np.zeros(2, SETTINGS_RECORD)
-        self._motions = np.zeros(2, MOTION_RECORD)
+        count = len(scene.arms)
+        self._wires = np.zeros(count, ROBOT_STATE)
+        self._settings = np.zeros(count, SETTINGS_RECORD)
+        self._motions = np.zeros(count, MOTION_RECORD)
         self._goals = cell.sensors.kinematics.copy()
-        self._collisions = np.zeros(2, dtype=np.int64)
+        self._collisions = np.zeros(count, dtype=np.int64)
         self._deferred: list[tuple[int, Command, int, tuple]] = []
         self.deferring = False  # True: motions and recoveries wait until the plant is at rest
         self._alone_s, self._tidy = 0.0, True
         self._proximity = Proximity(cell.plant)
         self._feed: TrackerFeed | None = None
-        arm_servers = []
-        for side, address in enumerate(addresses):
+        arm_servers: list[ArmServer] = []
+        for side, (address, place) in enumerate(zip(addresses, scene.arms, strict=True)):
             make_link, make_station = link_faults.kinds(cell.faults, side)
             link = make_link(
                 self.poller,
@@ -46,29 +119,23 @@ class Server:
                 on_command=lambda command, side=side: self.arm_servers[side].take(command),
                 on_gone=functools.partial(self._gone, side),
             )
-            hand, model = (scene.left, scene.right)[side].hand, cell.plant.robots[side]
-            settings = Settings(self._settings[side], model, scene.pads[side], parameters.holding.stiffness, hand)
+            model, stiffness = cell.plant.robots[side], parameters.holding.stiffness
+            settings = Settings(self._settings[side], model, scene.pads[side], stiffness, place.hand)
+            wire = self._wires[side : side + 1]
             arm_servers.append(
-                make_station(
-                    cell,
-                    side,
-                    link,
-                    settings,
-                    self._motions[side],
-                    self._wires[side : side + 1],
-                    self._proximity,
-                    self._fill,
-                )
+                make_station(cell, side, link, settings, self._motions[side], wire, self._proximity, self._fill)
             )
-        self.arm_servers: tuple[ArmServer, ArmServer] = (arm_servers[0], arm_servers[1])
+        self.arm_servers = tuple(arm_servers)
         hands = tuple(GripperPort(self.poller, *one) for one in zip(addresses, cell.hands, strict=True))
-        self.grippers = (*hands, *(vacuum_port(self.poller, address) for address in addresses))
+        # no scene has a vacuum gripper: its port says that none is mounted
+        vacuum = (GripperPort(self.poller, address, None, VACUUM_PORT, VACUUM_VERSION) for address in addresses)
+        self.grippers = (*hands, *vacuum)
         self._gates: tuple[DeskGate, ...] = ()
         self._proximity.update()
         self._fill()
 
     def follow_desk(self, flags: np.ndarray) -> None:
-        """Do what Desk is told by a person, from now on. flags: sim_robot.desk.flags.FLAGS of both boxes (2,)."""
+        """Do what Desk is told by a person, from now on. flags: sim_robot.desk.process.FLAGS of the boxes (n,)."""
         self._gates = tuple(DeskGate(*one) for one in zip(flags, self.arm_servers, strict=True))
         self.look_at_desk()
 
@@ -125,8 +192,8 @@ class Server:
         """Advance the plant by 1 ms with the commands that have arrived, and judge what it shows."""
         self.cell.next_state()
         if self.cell.faults is not None:
-            for side in range(2):
-                self._motions[side]["base_shaken"] = self.cell.faults.base_shaken(side)
+            for side, motion in enumerate(self._motions):
+                motion["base_shaken"] = self.cell.faults.base_shaken(side)
         self._fill()
         self._proximity.update()
         for side, arm_server in enumerate(self.arm_servers):
@@ -158,7 +225,7 @@ class Server:
             self._feed.repeat(self._next_stamp_ns())
 
     def _next_stamp_ns(self) -> int:
-        """The time that the next states will carry: of the arms that move, else of both, the one that is ahead."""
+        """The time that the next states will carry: of the arms that move, else of all, the one that is ahead."""
         shown = [arm_server for arm_server in self.arm_servers if arm_server.moving] or self.arm_servers
         return (max(arm_server.message_id for arm_server in shown) + 1) * 1_000_000
 

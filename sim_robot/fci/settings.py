@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.limits import COLLISION_TORQUES
 from hal.pad import Pad
 from hal.robots import RobotModel

@@ -17,7 +17,7 @@ from rtstack.model.cell_description import load_cell_description
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from sim_robot.cell import simulated_cell
 from sim_robot.profile import load_profile
-from tests.programs.wrong_built_cell import NOISE_M, OBJECT, POSES, led, profile
+from tests.support.built_cell import led, profile
 from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.served_console import serve_console
 
@@ -28,6 +28,7 @@ BUILT: dict[str, object] = {
     "right_deg": [-1.0, 1.2, -2.6], "tracker_mm": [300.0, -400.0, 50.0], "tracker_deg": [0.0, 0.0, 90.0],
     "pivot_mm": [60.0, -30.0, 90.0],
 }  # fmt: skip
+NOISE_M, OBJECT, POSES = 3e-4, "rice_box", 12
 BAD = 4  # of the poses: a gauge that was read wrong
 WIDTHS = (390, 1280, 1920)
 COMMAND = Path(sys.executable).with_name("rtstack")

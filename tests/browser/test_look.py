@@ -1,9 +1,9 @@
 """What the console looks like, on every page and in both themes: contrast and names of controls by axe-core, nothing
 cut off or outside of the window, no script that fails, and the pictures of the documentation.
 
-`make screenshots` writes the pictures to docs/screenshots, with a small campaign in them; otherwise they are only
-made. Left out, since axe-core reads elements: what canvases draw (strips, time line, mode bands) and the frames
-of the 3D scene and of a campaign's report, which are documents of their own.
+The program `deeper screenshots` writes the pictures to docs/screenshots, with a small campaign in them. Left out,
+since axe-core reads elements: what canvases draw (strips, time line, mode bands) and the frames of the 3D scene and of
+a campaign's report, which are documents of their own.
 """
 
 import io

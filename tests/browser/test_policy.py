@@ -14,7 +14,7 @@ PATIENCE_MS = 60_000
 
 
 @pytest.fixture
-def policy(console, temporary, logs_of_stack):
+def policy(console, temporary, logs_of_stack, learned_grab):
     """A policy that has connected under the name of its token."""
     environment = {**os.environ, "XDG_CONFIG_HOME": str(temporary / "config")}
     create = [COMMAND, "token", "create", "--name", "grabber", "--scope", "operate", "--logs", logs_of_stack]

@@ -111,7 +111,7 @@ def test_every_control_of_the_page_fits_into_the_smallest_window_and_no_script_f
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto(trials.address.split("?")[0] + "campaigns")
     expect(page.locator("#start select[name=name] option")).not_to_have_count(0, timeout=PATIENCE_MS)
-    expect(page.locator("#plan")).to_have_text(re.compile(r"90 trials"))
+    expect(page.locator("#plan")).to_have_text(re.compile(r": \d+ trials"))
     assert trials.errors == []
 
 

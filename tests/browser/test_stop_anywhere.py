@@ -1,7 +1,4 @@
-"""STOP cannot be taken away: not by the focus, a dialog, the page, its width or the moment, in a real Chromium.
-
-How soon a STOP takes the arms: tests/programs/stop_anywhere.py.
-"""
+"""STOP cannot be taken away: not by the focus, a dialog, the page, its width or the moment, in a real Chromium."""
 
 from contextlib import contextmanager
 
@@ -26,18 +23,7 @@ def stage(browser, demonstration, tmp_path_factory):
 TYPED = "[...document.querySelectorAll('input, textarea')].map((field) => field.value).join('|')"
 
 
-# what differs from another way by its width alone, or by one more field
-MORE = (
-    ("/trials", "#past-failures"), ("/campaigns", "#start input[name=workers]"), ("/logs", "#kind"),
-    ("/recordings/{log}", "#impact"), ("/access", "body"), ("/logs/0000000000000000", "body"), ("/", "#event"),
-    ("/logs/{log}", "body"),
-)  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "way",
-    [pytest.param(way, marks=pytest.mark.long if (way.page, way.focus) in MORE else [], id=str(way)) for way in WAYS],
-)
+@pytest.mark.parametrize("way", WAYS, ids=str)
 def test_stop_arrives(stage, way):
     page = stage.page
     come_to(page, way, stage.served.base, stage.ids)
@@ -141,20 +127,6 @@ def test_who_is_signed_out_can_still_stop_and_nothing_else(stage, browser):
     assert page.request.post("/api/take", headers=headers, data={}).status == 401
     assert page.request.post("/api/stop", headers={"origin": served.base}).status == 403
     context.close()
-
-
-def test_a_wrong_address_is_a_page_and_only_of_the_interface_json(stage):
-    page = stage.page
-    for address, said in (("/no/such/page", "Nothing is at /no/such/page"), ("/logs/0000000000000000", "no such log")):
-        answer = page.goto(address)
-        assert answer is not None
-        assert answer.status == 404
-        expect(page.locator("h1")).to_have_text("There is no such page")
-        expect(page.locator("main")).to_contain_text(said)
-        expect(page.locator(".rail a")).to_have_count(7)
-        expect(page.locator("#control-light")).to_have_attribute("data-state", "disarmed")
-    answer = page.request.get("/api/no-such-thing")
-    assert (answer.status, list(answer.json())) == (404, ["error"])
 
 
 def test_a_stop_that_is_not_delivered_is_said_before_anything_else(stage):

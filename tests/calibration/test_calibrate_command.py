@@ -7,9 +7,10 @@ from datetime import date
 import numpy as np
 import pytest
 
-from hal.configuration import with_values
+from hal.base.configuration import with_values
 from rtstack.calibration.points import Point, load_points, save_points
 from rtstack.cells import default_cell_file, load_description
+from tests.support.one_arm import one_arm_file
 from tests.support.wrong_cell import Wrongness, built, touched_points
 
 CELL = load_description(None)[0]
@@ -71,10 +72,7 @@ def test_what_is_too_coarse_is_not_written(tmp_path, cell_file, command_line):
         ("[points.a]\n", "key points.a: a point to touch needs its place"),
         ("points = {}\n", "key points"),
         ("[points.a]\nplace = [0.0, 0.0, 0.3]\n", "a still to be measured: name the arms with --cell"),
-        (
-            f"[points.a]\nplace = [0.0, 0.0, 0.3]\nq_left = {[0.0] * 7}\nq_right = {[0.0] * 7}\n",
-            "1 points are too few",
-        ),
+        (f"[points.a]\nplace = [0.0, 0.0, 0.3]\nq_left = {[0.0] * 7}\nq_right = {[0.0] * 7}\n", "1 points are too few"),
     ],
 )
 def test_points_that_cannot_be_used_are_one_line(tmp_path, command_line, text, words):
@@ -93,9 +91,40 @@ def test_arms_that_are_led_are_measured_and_what_was_measured_is_kept(tmp_path, 
     assert "2 points are too few for left base, right base" in done.stderr
     assert "point 2 of 3, right: touch x 0.0000, y 0.1000, z 0.3000 m" in done.stderr
     kept = load_points(tmp_path / "points.toml")
-    assert all(point.measured for point in kept.values())
+    assert all(point.measured(CELL.sides) for point in kept.values())
     np.testing.assert_allclose(kept["right"].q_left, CELL.left.home, atol=0.02)
     assert np.abs(kept["rest"].tau_left).max() < 1.0
+
+
+@pytest.mark.parametrize("side", CELL.sides)
+def test_of_a_cell_of_one_arm_only_its_joints_are_asked_for_and_written(tmp_path, command_line, side):
+    cell = CELL.only((side,))
+    file = one_arm_file(tmp_path, side)
+    points = touched_points(cell, built(cell, np.random.default_rng(0), Wrongness(pad_m=0.0)), 3e-4)
+    points["rest"] = Point("rest")
+    save_points(tmp_path / "points.toml", points)
+    words = ("calibrate", "points.toml", "--cell-file", file)
+    done = command_line(*words, "--cell", "direct", "--seconds", "0.1", "--write", "--json", cwd=tmp_path)
+    # three postures at rest are needed for the payload; nothing of the other arm was asked for
+    assert (done.returncode, done.stderr.count("\n")) == (2, 2)
+    assert "the payload" in done.stderr or "postures" in done.stderr
+    kept = load_points(tmp_path / "points.toml")
+    other = CELL.sides[1 - CELL.sides.index(side)]
+    assert all(point.measured((side,)) and point.q(other) is None is point.tau(other) for point in kept.values())
+    del kept["rest"]
+    save_points(tmp_path / "points.toml", kept)
+    done = command_line(*words, "--write", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {key.split(".")[0] for key in json.loads(done.stdout)["values"]} == {side, "calibration"}
+    assert load_description(file)[0].sides == (side,)
+
+
+def test_pads_that_are_to_meet_are_refused_before_an_arm_is_led(tmp_path, command_line):
+    save_points(tmp_path / "points.toml", {"pads": Point("meet")})
+    file = one_arm_file(tmp_path, "right")
+    done = command_line("calibrate", "points.toml", "--cell", "direct", "--cell-file", file, cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "points.toml: pads: two pads cannot meet, grab has one arm, right: remove the point" in done.stderr
 
 
 def test_a_wiggle_turns_one_joint_of_one_arm(tmp_path, command_line):

@@ -15,21 +15,22 @@ from PIL import Image
 
 from rtstack.cameras.film import Device, Film
 from rtstack.cameras.newest import NewestPictures
-from rtstack.cameras.source import CameraRequest, draw_time, read_time
+from rtstack.cameras.source import CameraRequest, draw_time
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.log import pictures
-from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.log.video import Encoder
+from rtstack.log.writing import pictures
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.model.cell_description import CameraDescription
 from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.policy import Chunk
-from rtstack.trials.policy import run_policy
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
+from rtstack.trials.teleoperation import run_policy
 from rtstack.trials.trial import prepare_trial, run_trial
+from tests.support.drawn_time import read_time
 
 # above the table, looking down; and from the front
 DOWN = CameraDescription("simulated", (0.1, 0.0, 1.6), (0.0, 0.7071, 0.7071, 0.0), width=384, height=288, stamped=True)
@@ -122,7 +123,7 @@ def test_a_camera_that_dies_ends_its_pictures_and_not_the_trial_and_is_said(cell
     def kill(log):
         def progress(share):
             if share > 0.4:
-                os.kill(log.cameras.pids[0], signal.SIGKILL)
+                os.kill(log.cameras._processes[0].pid, signal.SIGKILL)
 
         return progress
 

@@ -9,7 +9,7 @@ import pytest
 from hal.cell import Cell
 from rtstack.bench.hold import GOOD_RAD, STILL_RAD, STILL_RAD_S, ArmMoved
 from rtstack.bench.link import bench_link
-from rtstack.cli.check import held_findings
+from rtstack.cli.link import held_findings
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import end_effector_pose

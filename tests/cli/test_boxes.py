@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.desk import NotTrusted, Trust
 from hal.desk.power import start
 from rtstack.cells import default_cell_file, load_description, open_cell

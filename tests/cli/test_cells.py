@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.fci import fci_addresses
@@ -69,15 +69,14 @@ def test_a_description_of_before_has_the_defaults(tmp_path):
     assert load_cell_description(tmp_path / "old.toml") == load_cell_description(default_cell_file())
 
 
-@pytest.mark.parametrize("kind", ["fci:", "fci:127.0.0.1", "fci:a,b,c", "fci:,b", "fci:a,a", "direct"])
+@pytest.mark.parametrize("kind", ["fci:", "fci:,", "fci:a,b,c", "fci:a,a", "direct"])
 def test_two_arms_have_two_addresses(kind):
     with pytest.raises(TrialError):
         fci_addresses(kind)
 
 
 @pytest.mark.parametrize(
-    ("kind", "simulated"),
-    [("direct", True), ("fci:127.0.0.11,127.0.0.12", True), ("fci:127.0.0.11,127.0.0.12", False)],
+    ("kind", "simulated"), [("direct", True), ("fci:127.0.0.11,127.0.0.12", True), ("fci:127.0.0.11,127.0.0.12", False)]
 )
 def test_an_arm_that_may_be_real_is_not_called_simulated(tmp_path, kind, simulated):
     file = edited(tmp_path, "simulated = true", f"simulated = {str(simulated).lower()}")
@@ -88,8 +87,6 @@ def test_an_arm_that_may_be_real_is_not_called_simulated(tmp_path, kind, simulat
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["up", "--left", "127.0.0.11"], "--right"),
-        (["up", "--right", "127.0.0.11"], "--left"),
         (["up", "--left", "127.0.0.11", "--right", "127.0.0.11"], "two addresses"),
         (["recover-arms", "--cell", "direct"], "fci:LEFT,RIGHT"),
         (["recover-arms", "--cell", NOWHERE], "does not answer"),

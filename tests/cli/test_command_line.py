@@ -16,14 +16,10 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from rtstack.cells import default_cell_file, open_cell
-from rtstack.cli.app import app
+from rtstack.cli.app import app, whole
 from rtstack.log.reader import read_log
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification
+from tests.support.runs import StopAfter, demonstrate
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 
@@ -71,11 +67,12 @@ def test_a_trial_prints_one_json_object_with_the_fields_of_the_contract(recordin
 BAD_TRIALS = [
     (["--object", "anvil"], ["anvil", "rice_box"]),
     (["--displacement-mm", "900"], ["900"]),
-    (["--displacement-mm", "nan"], ["nan"]),
+    (["--displacement-mm", "nan"], ["displacement_mm", "finite"]),
     (["--displacement-x-mm", "500"], ["+500 mm", "along x: allowed are -100 to +100 mm"]),
     (["--yaw-deg", "60"], ["+60 deg", "-45 to +45 deg"]),
     (["--controller", "best"], ["proposed"]),
     (["--seed", "-1"], ["seed"]),
+    (["--law-inertia", "X"], ["--law-inertia", "'X'", "'M', 'M+B_theta'"]),
     (["--log", "missing/t.mcap"], ["missing"]),
     (["--log", "."], ["directory"]),
     (["--cell", "moon"], ["direct"]),
@@ -101,14 +98,15 @@ WRONG = {
     "teach": ("ref.mcap --object anvil", "unknown object 'anvil'"),
     "trial": ("--reference none.mcap", "cannot read none.mcap"),
     "play": ("none.mcap", "cannot read none.mcap"),
+    "place": ("--object anvil", "unknown object 'anvil'"),
     "identify-friction": ("none/friction.toml", "the folder none does not exist"),
     "guide": ("--cell moon", "unknown cell 'moon'"),
     "wiggle": ("left --cell moon", "unknown cell 'moon'"),
     "calibrate": ("none.toml", "none.toml: cannot be read"),
-    "desk status": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
-    "desk start": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
-    "desk stop": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
-    "desk shutdown": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
+    "desk status": ("", "where is Desk of the boxes?"),
+    "desk start": ("", "where is Desk of the boxes?"),
+    "desk stop": ("", "where is Desk of the boxes?"),
+    "desk shutdown": ("", "where is Desk of the boxes?"),
     "review": ("none.mcap", "cannot read none.mcap"),
     "excite": ("none/log.mcap", "the directory none does not exist"),
     "twin": ("none.mcap --out twin", "cannot read none.mcap"),
@@ -117,13 +115,13 @@ WRONG = {
     "import": ("none out.mcap", "none: it is no LeRobot data set"),
     "recover": ("none.mcap", "cannot read none.mcap"),
     "recover-arms": ("--cell moon", "cell 'moon': the robots' addresses are given as fci:LEFT,RIGHT"),
-    "up": ("--left 127.0.0.11", "give --left and --right"),
-    "robot": ("--left 127.0.0.11", "give --left and --right"),
+    "up": ("--left 127.0.0.11 --right 127.0.0.11", "two arms have two addresses"),
+    "robot": ("--left 127.0.0.11 --right 127.0.0.11", "two arms have two addresses"),
     "console": ("--run none", "start `rtstack robot`"),
     "teleoperate": ("moon --token x", "moon"),
     "policy": ("moon", "unknown policy 'moon'"),
     "sim": ("--cpu 9999", "--cpu 9999: choose one of"),
-    "check": ("--left 127.0.0.11", "give --left and --right"),
+    "check": ("--left 127.0.0.11 --right 127.0.0.11", "two arms have two addresses"),
     "host-setup": ("--kernel odd", "choose rt or generic"),
     "campaign": ("aim-aware-grab --quick --out done --scheduler nonsense", "no scheduler at nonsense"),
     "tune-monitor": ("none.mcap --out monitor.toml", "give at least"),
@@ -147,12 +145,27 @@ WRONG = {
 
 
 def test_every_command_helps_and_refuses_what_is_wrong(tmp_path, command_line):
-    for command in _commands(get_command(app)):
+    for command in _commands(whole()):
         helped = command_line(*command.split(), "--help", cwd=tmp_path)
         assert (helped.returncode, helped.stderr) == (0, ""), command
         assert f"Usage: rtstack {command} " in helped.stdout
         arguments, word = WRONG[command]
         _is_refused(command_line(*command.split(), *arguments.split(), cwd=tmp_path), tmp_path, word)
+
+
+def test_the_list_of_commands_says_how_their_help_begins():
+    listed, loaded = get_command(app).commands, whole().commands
+    for width in (45, 50, 55, 60):  # completions, and lists in terminals of different widths
+        lines = [{name: each.get_short_help_str(width) for name, each in all_.items()} for all_ in (listed, loaded)]
+        assert lines[0] == lines[1]
+
+
+def test_the_list_of_commands_loads_none_of_them(tmp_path):
+    listing = "import sys; from rtstack.cli.app import app; app(['--help'], standalone_mode=False); print(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", listing], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert "rtstack.cli.app" in done.stdout
+    for heavy in ("numpy", "pinocchio", "mujoco", "numba", "pydantic", "rtstack.cli.trials"):
+        assert f"'{heavy}'" not in done.stdout
 
 
 def _commands(command: object, name: str = "") -> list[str]:
@@ -223,26 +236,10 @@ def test_without_an_object_a_trial_has_the_one_of_its_reference(tmp_path, comman
     assert "unknown object 'anvil'" in asked.stderr  # what is given counts
 
 
-class _StopAt:
-    """Asks for a stop from the n-th tick on."""
-
-    def __init__(self, tick: int) -> None:
-        self._left = tick
-
-    @property
-    def stop_requested(self) -> bool:
-        self._left -= 1
-        return self._left < 0
-
-
 def test_a_reference_without_an_impact(cell, tmp_path, command_line):
     """A demonstration that was broken off before the hands met the box."""
     path = tmp_path / "early.mcap"
-    specification = DemonstrationSpecification()
-    simulated = open_cell("direct", specification.object, 0.0, specification.seed)
-    log = open_log(path, specification, cell, "direct", default_cell_file())
-    result = run_demonstration(specification, cell, simulated, RunContext(log, stop=_StopAt(700)))
-    simulated.close()
+    result = demonstrate(path, cell, stop=StopAfter(700))
     assert "stop requested" in (result.failure_reason or "")
     folder = tmp_path / "work"
     folder.mkdir()
@@ -287,6 +284,7 @@ def test_the_demo_goes_the_whole_way_and_opens_its_page_where_there_is_a_display
 
 def test_teach_refuses_what_it_cannot_do(tmp_path, command_line):
     _is_refused(command_line("teach", "x.mcap", "--object", "anvil", cwd=tmp_path), tmp_path, "anvil")
+    _is_refused(command_line("teach", "x.mcap", "--law-inertia", "m", cwd=tmp_path), tmp_path, "'M', 'M+B_theta'")
     _is_refused(command_line("teach", "missing/x.mcap", cwd=tmp_path), tmp_path, "missing")
     _is_refused(command_line("review", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
     _is_refused(command_line("recover", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
@@ -323,7 +321,7 @@ def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recordin
     early = 0.1 * recording.stat().st_size  # the trial is about as long
     while process.poll() is None and not (path.exists() and path.stat().st_size > early):
         time.sleep(1e-3)
-    writers = [c for c in psutil.Process(process.pid).children() if "rtstack.log.process" in c.cmdline()]
+    writers = [c for c in psutil.Process(process.pid).children() if "rtstack.log.writing.process" in c.cmdline()]
     assert len(writers) == 1
     writers[0].kill()
     out, err = process.communicate(timeout=60)

@@ -75,7 +75,7 @@ def test_both_boxes_are_started_looked_at_and_stopped(rtstack, boxes, cell_file)
     ("words", "sign_in", "reason"),
     [
         (("status",), False, "where is Desk of the boxes?"),
-        (("status", "--left", "127.0.0.9:1"), False, "where is Desk of the boxes?"),
+        (("status", "--left", "127.0.0.9:1"), False, "the left box at 127.0.0.9:1 does not answer"),
         (("status", "--left", "127.0.0.9:9", "--right", "127.0.0.9:9"), False, "two boxes have two addresses"),
         (("status", "--left", "127.0.0.9:9", "--right", "127.0.0.8:9"), False, "does not answer: Connection refused"),
         (("status", "--left", "127.0.0.9:port", "--right", "127.0.0.8:9"), False, "expected HOST or HOST:PORT"),

@@ -15,9 +15,9 @@ from PIL import Image
 from rtstack.cli.progress import LINE_S, Lines
 from rtstack.figures.log_data import figure_log, with_references
 from rtstack.figures.log_figure import MOST_LOGS, aligned, draw, panes_of
-from rtstack.log.derived import DerivedSamples, base_pose, derived
+from rtstack.log.analysis.derived import DerivedSamples, base_pose, derived
+from rtstack.log.analysis.signals import matching, signals
 from rtstack.log.reader import read_log
-from rtstack.log.signals import matching, signals
 from rtstack.trials.review import log_columns
 
 COMMAND = Path(sys.executable).with_name("rtstack")

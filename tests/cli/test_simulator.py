@@ -63,6 +63,10 @@ def refusal(capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[..., str]]:
         (["--yaw-deg", "-46"], ["-46 deg", "-45 to +45 deg"]),
         (["--object", "anvil"], ["[objects.anvil]", "--cell-file"]),
         (["--cell-file", "missing.toml"], ["missing.toml"]),
+        (["--only", "middle"], ["--only", "left", "right"]),
+        (["--only", "left", "--phase-us", "5"], ["--phase-us and --drift-ppm compare two arms", "left one"]),
+        (["--only", "right", "--drift-ppm", "5"], ["--phase-us and --drift-ppm compare two arms", "right one"]),
+        (["--only", "left", "--displacement-mm", "-300"], ["-250 to +190 mm", "table edge and pad)"]),
         (["--priority", "100"], ["--priority"]),
         (["--seed", "-1"], ["--seed"]),
     ],
@@ -87,12 +91,26 @@ def test_a_script_of_faults_that_is_wrong_is_named_with_its_line(refusal: Callab
     assert "script.toml:5: fault 1 (push): unknown key 'force'" in refusal("--faults", path)
 
 
+def test_what_names_an_arm_that_is_not_there(refusal: Callable[..., str], tmp_path: Path) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text('[[fault]]\nkind = "user_stop"\narm = "left"\nat_s = 1.0\n', encoding="utf-8")
+    said = refusal("--only", "right", "--faults", path)
+    assert "script.toml:3: fault 1 (user_stop): arm cannot be 'left'; say right" in said
+    path.write_text('[right]\nmodel = "fr3"\n', encoding="utf-8")
+    assert "the cell has no left arm, only right" in refusal("--only", "left", "--cell-file", path)
+    assert "compare two arms" in refusal("--cell-file", path, "--drift-ppm", "5")
+
+
 def test_an_address_in_use(refusal: Callable[..., str]) -> None:
     with socket.create_server((LEFT, PORT)):
         said = refusal()
     assert "in use" in said
     assert LEFT in said
     assert "--left and --right" in said
+    with socket.create_server((RIGHT, PORT)):
+        said = refusal("--only", "right")
+    assert "with --right\n" in said
+    assert "left" not in said
 
 
 def test_it_says_what_comes_next_and_ctrl_c_ends_it(tmp_path: Path) -> None:
@@ -143,11 +161,30 @@ def test_an_empty_cell_is_served_for_a_playback() -> None:
             process.kill()
 
 
+@pytest.mark.parametrize(
+    ("side", "address", "cell"), [("left", LEFT, LEFT), ("right", RIGHT, f",{RIGHT}")], ids=["left", "right"]
+)
+def test_one_arm_is_served_and_the_other_one_is_not_mentioned(side: str, address: str, cell: str) -> None:
+    process = subprocess.Popen(
+        command("--lockstep", "--only", side, "--tracker", f"{PREFIX}.205:1341"),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"serving {address}, lockstep, profile ideal\n"
+        play = f"rtstack play LOG.mcap --cell fci:{cell} --cell-file CELL.toml"
+        assert process.stdout.readline() == f"one arm alone grabs nothing: play a log on it: {play}\n"
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60) == ("", "")
+    finally:
+        process.kill()
+
+
 def test_ctrl_c_before_it_serves() -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", "import os, signal\nfrom rtstack.cli import simulator\n"
          "import threading\nthreading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
-         "simulator.serve([], 'nowhere.invalid', '', 'rice_box', {}, None)"],
+         "simulator.sim(left='nowhere.invalid')"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     out, err = process.communicate(timeout=60)

@@ -1,5 +1,5 @@
 """The HTTP interface against its own description: schemathesis asks a console that really serves, with arms that do
-each order at once. `make fuzz-api` asks for longer, and in more ways (RTSTACK_FUZZ_SECONDS).
+each order at once. `make program NAME=deeper ARGS=fuzz-api` asks for longer (RTSTACK_FUZZ_SECONDS).
 """
 
 import json
@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from console.routes.description import OPENAPI_PATH
-from console.tokens import Scope
+from rtstack.access.tokens import Scope
 from rtstack.live.protocol import JobState
 from tests.support.console.review_log import read, write_log
 

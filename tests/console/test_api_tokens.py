@@ -9,7 +9,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from console.tokens import MAX_TOKENS, Scope, Tokens, TokensError
+from rtstack.access.tokens import MAX_TOKENS, Scope, Tokens, TokensError
 from rtstack.cli.app import main
 
 

@@ -14,7 +14,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 import console.server
-from console.tokens import Scope
+from rtstack.access.tokens import Scope
 from tests.support.console.client import SECRET, cookie_header, socket, wait_for
 
 HOSTS = ("[::1]:{}", "LOCALHOST:{}", "localhost.:{}", "127.1:{}", "2130706433:{}", "0.0.0.0:{}", "127.0.0.1:0{}",

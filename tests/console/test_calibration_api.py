@@ -10,11 +10,12 @@ import pytest
 from rtstack.calibration.points import load_points, save_points
 from rtstack.cells import default_cell_file, load_description
 from rtstack.live.jobs import Jobs
-from rtstack.live.protocol import DemonstrationRequest
+from rtstack.live.protocol import RunRequest
 from rtstack.live.source import live_source
 from rtstack.model.cell_description import load_cell_description
 from rtstack.samples import ARM_SAMPLE, SIDES
 from rtstack.trials.errors import TrialError
+from rtstack.trials.specification import DemonstrationSpecification
 from tests.support.console.client import wait_for
 from tests.support.wrong_cell import Wrongness, built, touched_points
 
@@ -158,4 +159,4 @@ def test_no_job_is_begun_where_the_cells_file_was_changed_since_the_start(tmp_pa
     source.check()
     path.write_text(path.read_text(encoding="utf-8").replace("[-0.4, 0.5, 0.0]", "[-0.41, 0.5, 0.0]"), encoding="utf-8")
     with pytest.raises(TrialError, match="was changed since the stack was started: end it and start it again"):
-        jobs.run(DemonstrationRequest(operator="anna"), tmp_path / "log.mcap")
+        jobs.run(RunRequest(DemonstrationSpecification(), "anna"), tmp_path / "log.mcap")

@@ -13,9 +13,9 @@ from websockets.sync.client import connect
 
 from console.routes.cameras import HEAD, WINDOW
 from console.teleoperation.gate import Drop, Gate
-from console.tokens import Scope
-from rtstack.log.pictures import SLOTS, PictureRing
+from rtstack.access.tokens import Scope
 from rtstack.log.video import Encoder
+from rtstack.log.writing.pictures import SLOTS, PictureRing
 from rtstack.model.cell_description import CameraDescription
 from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.stamp import Stamp

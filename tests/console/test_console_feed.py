@@ -17,7 +17,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from console.feed import Feed
+from console.live.feed import Feed
 from rtstack.topics import TOPICS
 from rtstack.trials.record import frames
 

@@ -1,16 +1,16 @@
 """Playback: a second log as a ghost of the review's scene, and orders to play a log on the arms."""
 
 import json
-import time
 
 import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from rtstack.log.catalogue import Catalogue
-from rtstack.log.mcap_writer import McapWriter
-from rtstack.loop.target import TARGET
+from rtstack.log.writing.mcap_writer import McapWriter
+from rtstack.log_folder.catalogue import Catalogue
+from rtstack.loop.mailbox import TARGET
 from rtstack.topics import TOPICS
+from tests.support.console.client import wait_for
 
 MS = 1_000_000
 VIEW = "a-page-of-mine"
@@ -39,17 +39,10 @@ def logs(served):
     return {entry.path.stem: entry.id for entry in Catalogue(served.logs).entries()}
 
 
-def eventually(condition):
-    deadline_s = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.05)
-
-
 def test_a_second_log_is_shown_as_a_ghost_at_the_same_moment_and_goes_again(served, logs):
     with served.signed_in() as (client, _):
         for log_id in logs.values():
-            eventually(lambda log_id=log_id: client.get(f"/api/logs/{log_id}").json()["done"])
+            wait_for(lambda log_id=log_id: client.get(f"/api/logs/{log_id}").json()["done"])
         address = f"ws://127.0.0.1:{served.port}/api/logs/{logs['one']}/scrub?view={VIEW}"
         with connect(
             address, additional_headers={"cookie": served.cookie(client)}, origin=served.base, proxy=None
@@ -87,11 +80,11 @@ def test_a_log_is_ordered_to_be_played_at_a_speed_and_ended_softly_by_its_operat
         answer = client.post("/api/jobs/playback", json=order, headers=headers)
         assert answer.status_code == 202
         assert answer.json()["job"]["title"] == "one.mcap at 0.5x"
-        taken, _ = served.job_manager.collect()
+        taken = served.job_manager.collect()[0].specification
         assert (taken.verb, taken.source, taken.speed) == ("playback", str(served.logs / "one.mcap"), 0.5)
         served.job_manager.started("playback.mcap")
         # the console learns a moment later that it runs; meanwhile the operator gives signs of life
-        eventually(
+        wait_for(
             lambda: (
                 client.post("/api/beat", json={}, headers=headers)
                 and client.post("/api/playback/finish", json={}, headers=headers).json() == {"finishing": True}

@@ -9,10 +9,10 @@ import trimesh
 import zstandard
 from websockets.sync.client import connect
 
-from console.meshes import LINKS, capsule_parts, full_parts, light_parts
-from console.scene import CellFigures, joints_of, turned
-from console.scene_server import SECRET_HEADER
-from console.scenes import Detail
+from console.scene.meshes import LINKS, capsule_parts, full_parts, light_parts
+from console.scene.scene import CellFigures, joints_of, turned
+from console.scene.scenes import Detail
+from console.scene.server import SECRET_HEADER
 from hal.robots import FR3
 from sim_robot.plant_parameters import load_plant_parameters
 

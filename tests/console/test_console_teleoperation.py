@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from console.scenes import Detail
+from console.scene.scenes import Detail
 from console.teleoperation.pair import Coupling, led
 from console.teleoperation.quaternion import angle_between, product, quaternion, squared
 from rtstack.live.protocol import JobState
-from rtstack.loop.target import TARGET, Release
+from rtstack.loop.mailbox import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from rtstack.teleoperation.stamp import Sender
@@ -127,7 +127,7 @@ def test_a_gizmo_moves_the_arm_for_the_holder_and_for_nobody_else(running):
     for cookie, moves in ((cookie_of(cookies), False), (served.cookie(client), True)):
         with hand_socket(served, cookie, "/viser/light", subprotocols=["viser-v1.1.1"]) as page:
             page.recv(timeout=60)
-            figures = served.parts.scenes._live[Detail.LIGHT]._gizmos
+            figures = served.parts.scenes._made[Detail.LIGHT]._gizmos
             # a page without a camera is not drawn for
             figures.show(served.parts.watch.measured(), served.parts.watch.command(), served.parts.watch.forces())
 
@@ -336,9 +336,9 @@ def test_square_orientations_stay_and_others_come_near_one():
 def test_a_gizmo_has_arrows_or_rings_and_never_both(running):
     served, client, headers = running
     served.parts.scenes.server(Detail.LIGHT)
-    gizmos = served.parts.scenes._live[Detail.LIGHT]._gizmos
+    gizmos = served.parts.scenes._made[Detail.LIGHT]._gizmos
     for handles, rings in (("turn", True), ("move", False)):
         assert say(client, headers, handles=handles).json()["handles"] == handles
         gizmos.show(served.parts.watch.measured(), served.parts.watch.command(), served.parts.watch.forces())
-        for grip in gizmos._grips:
+        for grip in [hand._grip for hand in gizmos._hands]:
             assert (grip.disable_axes, grip.disable_rotations, grip.disable_sliders) == (rings, not rings, True)

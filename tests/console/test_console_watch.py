@@ -5,7 +5,7 @@ import json
 import numpy as np
 from websockets.sync.client import connect
 
-from console.arm_watch import ArmWatch
+from console.live.arm_watch import ArmWatch
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from rtstack.log.ring import Rings

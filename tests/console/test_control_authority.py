@@ -285,11 +285,11 @@ def test_a_stop_in_a_fault_is_not_lost_to_a_guide_that_was_ordered_at_the_same_t
     mailbox.request_stop()  # of the motion that ended so
     authority.stop("ben")
     with pytest.raises(Refused, match="STOP was pressed a moment ago"):
-        authority.begin("anna", "guide 1: both arms by hand", by_hand=True)
+        authority.begin("anna", "guide 1: by hand", by_hand=True)
     assert mailbox.stop_requested
     bench.now_s += 1.1
     authority.beat("anna")
-    authority.begin("anna", "guide 2: both arms by hand", by_hand=True)
+    authority.begin("anna", "guide 2: by hand", by_hand=True)
     assert not mailbox.stop_requested
     authority.stop("ben")  # whose report comes after the order
     assert mailbox.stop_requested

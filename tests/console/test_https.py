@@ -13,16 +13,16 @@ from pathlib import Path
 
 import httpx
 import pytest
-from websockets.exceptions import InvalidStatus
 
 import console.sign_in
 from console.address import Address
-from console.authority import Authority
 from console.sign_in import CODE_DIGITS, MAX_GUESSES, PAIRING_S, SignIn
-from console.tokens import Scope, Tokens
-from hal.configuration import ConfigurationError
-from rtstack.cli.stream import open_stream
+from hal.base.configuration import ConfigurationError
+from rtstack.access.authority import Authority
+from rtstack.access.tokens import Scope, Tokens
+from rtstack.cli.console_client import open_stream
 from rtstack.live.audit import AuditTrail
+from rtstack.trials.errors import TrialError
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 HOST = "127.0.0.97"  # not the default one
@@ -81,20 +81,17 @@ def test_a_client_that_trusts_the_authority_signs_in_and_is_told_of_it_in_the_te
         downgraded = headers | {"origin": secured.base.replace("https", "http")}
         assert client.post("/api/take", json={"operator": "anna"}, headers=downgraded).status_code == 403
         cookies = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
-        with open_stream(
-            secured.base.replace("https", "wss") + "/live",
-            {"cookie": cookies, "origin": secured.base},
-            secured.trusting,
-        ) as live:
+        headers_of_page = {"cookie": cookies, "origin": secured.base}
+        with open_stream(secured.base, "/live", headers_of_page, secured.trusting) as live:
             assert live.recv(60.0)
         headset = client.get("/headset")  # no other site frames it, or gets a headset by it
         assert "frame-ancestors 'none'" in headset.headers["content-security-policy"]
         assert "xr-spatial-tracking=(self)" in headset.headers["permissions-policy"]
         for site in ("https://webxr.example", secured.base.replace("https", "http"), "null"):
-            hand = secured.base.replace("https", "wss") + "/api/teleoperation/hand"
+            hand = "/api/teleoperation/hand"
             with (
-                pytest.raises(InvalidStatus, match="403"),
-                open_stream(hand, {"cookie": cookies, "origin": site}, secured.trusting),
+                pytest.raises(TrialError, match="403"),
+                open_stream(secured.base, hand, {"cookie": cookies, "origin": site}, secured.trusting),
             ):
                 pass
         invited = client.post("/api/invitations", json={"scope": "view"}, headers=headers).json()["address"]
@@ -113,8 +110,8 @@ def test_a_program_loses_no_connection_as_it_opens(secured: Secured) -> None:
     """A client that reads and writes one TLS connection in two threads loses one of twenty, on a busy machine."""
     for _ in range(100):
         with (
-            pytest.raises(InvalidStatus, match="403"),
-            open_stream(secured.base.replace("https", "wss") + "/live", {}, secured.trusting),
+            pytest.raises(TrialError, match="403"),
+            open_stream(secured.base, "/live", {}, secured.trusting),
         ):
             pass
 

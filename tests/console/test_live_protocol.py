@@ -8,15 +8,14 @@ from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     Answer,
     ControlRequest,
-    DemonstrationRequest,
     Job,
     JobKind,
     JobState,
     ProtocolError,
+    RunRequest,
     Status,
     StatusRequest,
     TakeRequest,
-    TrialRequest,
     decode_answer,
     decode_request,
     encode,
@@ -24,11 +23,26 @@ from rtstack.live.protocol import (
 from rtstack.loop.mailbox import Mailbox, MailboxError, remove_mailbox
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.safety.arming import Phase
+from rtstack.samples import LawInertia
+from rtstack.trials.specification import (
+    DemonstrationSpecification,
+    GuideSpecification,
+    HandMotion,
+    MoveSpecification,
+    PlaybackSpecification,
+    TeleoperationSpecification,
+    TrialSpecification,
+)
 
 REQUESTS = [
     StatusRequest(),
-    DemonstrationRequest("parcel", 2, 3, operator="Zoë K."),
-    TrialRequest("a.mcap", Controller.NO_INTERIM, "parcel", -12.5, 4, operator="anna"),
+    RunRequest(DemonstrationSpecification("parcel", 2, 3, law_inertia=LawInertia.LINKS_AND_MOTORS), "Zoë K.", "x = 1"),
+    RunRequest(TrialSpecification("a.mcap", Controller.NO_INTERIM, "parcel", -12.5, 4), "anna"),
+    RunRequest(TrialSpecification("a.mcap", law_inertia=LawInertia.LINKS), "anna"),
+    RunRequest(TeleoperationSpecification("", "parcel", recorded=True), "anna"),
+    RunRequest(PlaybackSpecification("a.mcap", 0.5), "anna"),
+    RunRequest(MoveSpecification(HandMotion.OPEN), "anna"),
+    RunRequest(GuideSpecification(), "anna"),
     TakeRequest("anna", over_from="<b>ben</b>"),
     ControlRequest("anna", "release"),
     ControlRequest("anna", "beat"),
@@ -56,23 +70,30 @@ def test_an_answer_comes_back_as_it_was():
         assert decode_answer(encode(answer)) == answer
 
 
+def _run(specification, operator=b'"operator": "a", '):
+    return b'{"verb": "run", %s"specification": {%s}}' % (operator, specification)
+
+
 @pytest.mark.parametrize(
     ("line", "key"),
     [
         (b"{}", "verb"),
         (b'{"verb": "dance"}', "verb"),
-        (b'{"verb": "trial", "operator": "anna"}', "reference"),
-        (b'{"verb": "trial", "operator": "a", "reference": "a", "displacement_mm": 1e9}', "displacement_mm"),
-        (b'{"verb": "trial", "operator": "a", "reference": "a", "displacement_mm": NaN}', "displacement_mm"),
-        (b'{"verb": "trial", "operator": "a", "reference": "a", "controller": "best"}', "controller"),
+        (_run(b'"kind": "trial"'), "reference"),
+        (_run(b'"kind": "trial", "reference": "a", "displacement_mm": 1e9'), "displacement_mm"),
+        (_run(b'"kind": "trial", "reference": "a", "displacement_mm": NaN'), "displacement_mm"),
+        (_run(b'"kind": "trial", "reference": "a", "controller": "best"'), "controller"),
+        (_run(b'"kind": "trial", "reference": "a", "law_inertia": "m"'), "law_inertia"),
         (b'{"verb": "stop", "operator": "a", "now": true}', "now"),
-        (b'{"verb": "demonstration", "operator": "a", "seed": -1}', "seed"),
-        (b'{"verb": "demonstration", "operator": "a", "seed": true}', "seed"),
-        (b'{"verb": "demonstration", "operator": "a", "seed": "5"}', "seed"),
-        (b'{"verb": "trial", "operator": "a", "reference": "a", "displacement_mm": false}', "displacement_mm"),
-        (b'{"verb": "teleoperation", "operator": "a", "object": "a", "recorded": 1}', "recorded"),
-        (b'{"verb": "demonstration", "operator": "a", "object": "a b"}', "object"),
-        (b'{"verb": "demonstration"}', "operator"),
+        (_run(b'"kind": "identification", "joint": 1'), "kind"),
+        (_run(b'"kind": "trial", "reference": "a", "safety": [["ee_speed_max", 0.1]]'), "safety"),
+        (_run(b'"kind": "demonstration", "seed": -1'), "seed"),
+        (_run(b'"kind": "demonstration", "seed": true'), "seed"),
+        (_run(b'"kind": "demonstration", "seed": "5"'), "seed"),
+        (_run(b'"kind": "trial", "reference": "a", "displacement_mm": false'), "displacement_mm"),
+        (_run(b'"kind": "teleoperation", "operator": "a", "object": "a", "recorded": 1'), "recorded"),
+        (_run(b'"kind": "demonstration", "object": "a b"'), "object"),
+        (_run(b'"kind": "demonstration"', b""), "operator"),
         (b'{"verb": "stop"}', "operator"),
         (b'{"verb": "take", "operator": ""}', "operator"),
         (b'{"verb": "take", "operator": " anna"}', "operator"),

@@ -21,12 +21,8 @@ from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.job_manager import JobManager
 from rtstack.live.protocol import (
-    DemonstrationRequest,
-    GuideRequest,
     JobState,
-    MoveRequest,
-    TeleoperationRequest,
-    TrialRequest,
+    RunRequest,
 )
 from rtstack.live.robot import Robot
 from rtstack.live.service import Service
@@ -34,28 +30,28 @@ from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Release
+from rtstack.loop.mailbox import TARGET, Mailbox, Release
 from rtstack.safety.arming import Phase, Refused
 from rtstack.samples import Mode
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import followed_file
+from rtstack.trials.specification import (
+    DemonstrationSpecification,
+    GuideSpecification,
+    MoveSpecification,
+    TeleoperationSpecification,
+    TrialSpecification,
+)
 from rtstack.trials.tightening import limits_of_arms
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.clock import PacedLockstep
+from tests.support.console.client import wait_for
 
 pytestmark = pytest.mark.alone
 CELL = Path(cells.__file__).parent / "grab.toml"
 PATIENCE_S = 120.0
-DEMONSTRATION = DemonstrationRequest(operator="anna")
+DEMONSTRATION = RunRequest(DemonstrationSpecification(), "anna")
 _numbers = itertools.count()
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.01)
 
 
 class RunningRobot:
@@ -176,13 +172,13 @@ def test_a_motion_moves_the_arms_of_the_cell_that_is_open_after_a_fault_too(robo
     robot.opened[0].boxes[0].trip(error_bit("joint_reflex"))
     wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
     with pytest.raises(Refused, match="recover first"):
-        robot.order(MoveRequest("open", operator="anna"))
+        robot.order(RunRequest(MoveSpecification("open"), "anna"))
     robot.job_manager.recover("anna").result(PATIENCE_S)
-    robot.order(MoveRequest("open", operator="anna"))
+    robot.order(RunRequest(MoveSpecification("open"), "anna"))
     job = robot.finished()
     assert (job.kind, job.title, job.state, job.success) == ("move", "open", JobState.DONE, True)
     assert "-move-open" in job.log
-    robot.order(MoveRequest("put_down", operator="anna"))
+    robot.order(RunRequest(MoveSpecification("put_down"), "anna"))
     job = robot.finished()
     assert (job.state, job.log) == (JobState.FAILED, None)
     assert job.reason == "nothing is held between the pads: there is nothing to put down"
@@ -265,7 +261,7 @@ def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
     assert robot.authority.view().phase is Phase.ARMED
     recording = robot.logs / job.log
     robot.job_manager.order(
-        TrialRequest(str(recording), object="parcel", displacement_mm=-15.0, seed=5, operator="anna")
+        RunRequest(TrialSpecification(str(recording), object="parcel", displacement_mm=-15.0, seed=5), "anna")
     )
     job = robot.finished()
     assert job.state is JobState.DONE
@@ -372,13 +368,13 @@ def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_h
             robot.job_manager.recover("anna").result(PATIENCE_S)
         robot.authority.take("anna")  # a machine under load may have lost it
         with pytest.raises(Refused, match="anna has control"):
-            robot.job_manager.order(GuideRequest(operator="ben"))
+            robot.job_manager.order(RunRequest(GuideSpecification(), "ben"))
 
-        robot.job_manager.order(GuideRequest(operator="anna"))  # and the clutch is not held
+        robot.job_manager.order(RunRequest(GuideSpecification(), "anna"))  # and the clutch is not held
         job = robot.finished()
         assert (job.state, job.reason) == (JobState.FAILED, "the clutch was not held: nothing has moved")
 
-        robot.job_manager.order(GuideRequest(operator="anna"))
+        robot.job_manager.order(RunRequest(GuideSpecification(), "anna"))
         cell = robot.opened[-1]
         looks, deadline = 0, time.monotonic() + PATIENCE_S
         while cell.states[0]["q"][0] < lower[0] + 0.03:
@@ -412,7 +408,7 @@ def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_h
 def test_what_a_hand_leads_is_stopped_as_any_motion(robot, ends, state, phase, reason):
     robot.authority.take("anna")
     robot.authority.arm("anna")
-    robot.job_manager.order(GuideRequest(operator="anna"))
+    robot.job_manager.order(RunRequest(GuideSpecification(), "anna"))
     shown = robot.rings.reader("/left/control")
     led = itertools.count()
 
@@ -432,7 +428,7 @@ def test_what_a_hand_leads_is_stopped_as_any_motion(robot, ends, state, phase, r
 def test_what_is_impossible_fails_with_one_line_and_leaves_a_working_cell(robot, tmp_path):
     (tmp_path / "junk.mcap").write_bytes(b"junk")
     for reference in (tmp_path / "junk.mcap", tmp_path / "none.mcap"):
-        robot.order(TrialRequest(str(reference), operator="anna"))
+        robot.order(RunRequest(TrialSpecification(str(reference)), "anna"))
         job = robot.finished()
         assert robot.authority.view().phase is Phase.ARMED
         assert job.state is JobState.FAILED
@@ -447,7 +443,7 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
     with tempfile.TemporaryDirectory(dir="/tmp") as name:  # short: a socket's path has 107 letters at most
         monkeypatch.setattr(tempfile, "tempdir", name)
         with pytest.raises(TrialError, match="no stack is running: start one"):
-            recover_arms(None, None)
+            recover_arms()
         folder = Path(name) / f"{RUN_PREFIX}run"
         (Path(name) / f"{RUN_PREFIX}dead").mkdir()
         (Path(name) / f"{RUN_PREFIX}dead" / SOCKET_NAME).touch()
@@ -456,7 +452,7 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
         try:
             wait_for(lambda: robot.latest("left") is not None)
             with pytest.raises(typer.Exit) as refused:
-                recover_arms(None, None)
+                recover_arms()
             assert refused.value.exit_code == 1
             said = capsys.readouterr()
             assert (said.out, said.err) == (
@@ -465,7 +461,7 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
             )
             robot.opened[0].boxes[1].trip(error_bit("joint_reflex"))
             wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
-            recover_arms(None, None)
+            recover_arms()
             first, last = capsys.readouterr().out.splitlines()
             assert first.startswith("grab: fault: right arm in reflex: joint_reflex")
             assert last == "grab: disarmed: take control and arm to go on"
@@ -478,7 +474,7 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
 
 def test_what_is_practised_leaves_no_log_and_what_is_recorded_leaves_one(robot):
     for recorded in (False, True):
-        robot.order(TeleoperationRequest(recorded=recorded, stop_on_release=False, operator="anna"))
+        robot.order(RunRequest(TeleoperationSpecification("", recorded=recorded, stop_on_release=False), "anna"))
         wait_for(lambda: robot.job_manager.status().job.state is JobState.RUNNING)
         written = robot.logs / robot.job_manager.status().job.log
         wait_for(written.exists)  # it is logged meanwhile: evidence of a fault

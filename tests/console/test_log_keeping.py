@@ -8,10 +8,11 @@ from pathlib import Path
 import httpx
 import pytest
 
-from console.queue.entry import Entry, TrialOrder
-from console.tokens import Scope
-from rtstack.retention.marks import mark_reviewed, may_go
-from rtstack.retention.trash import FOLDER
+from console.orders import TrialOrder
+from console.queue.entry import Entry
+from rtstack.access.tokens import Scope
+from rtstack.log_folder.remarks import mark_reviewed, may_go
+from rtstack.log_folder.trash import FOLDER
 from tests.support.console.review_log import read, write_log
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -114,7 +115,7 @@ def test_what_is_in_use_is_not_deleted_nor_by_who_may_only_look(keeper, demonstr
     write_log(served.logs / "growing.mcap", {"kind": "trial"}, complete=False)
     (served.logs / "ref.mcap").write_bytes(demonstration.path.read_bytes())
     growing, reference, plain = (keeper.id_of(name) for name in ("growing", "ref", "log0"))
-    served.parts.queue._entries = [Entry("0" * 16, TrialOrder(reference, "rice_box"), "ref")]
+    served.parts.queue._entries = [Entry("0" * 16, TrialOrder(reference, object="rice_box"), "ref")]
     for log_id, why in ((growing, "it is being written"), (reference, "trials in the queue follow it")):
         answer = keeper.post(f"logs/{log_id}/delete")
         assert (answer.status_code, answer.json()["error"].startswith(why)) == (409, True), answer.json()

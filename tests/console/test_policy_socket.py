@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from console.tokens import Scope
-from rtstack.log.pictures import PictureRing
-from rtstack.loop.target import CHUNK, TARGET
+from rtstack.access.tokens import Scope
+from rtstack.log.writing.pictures import PictureRing
+from rtstack.loop.mailbox import CHUNK, TARGET
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from tests.support.console.client import arm, say, wait_for
 

@@ -6,9 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from console.scene_ghost import AROUND_S, SLOWLY, GhostPlayer, Shown, motion_of
-from rtstack.live.protocol import JobState, TrialRequest
+from console.scene.ghost import AROUND_S, SLOWLY, GhostPlayer, Shown, motion_of
+from rtstack.live.protocol import JobState, RunRequest
 from rtstack.log.reader import read_log
+from rtstack.trials.specification import TrialSpecification
 from tests.support.console.client import arm, wait_for
 
 
@@ -22,7 +23,7 @@ def reference(served, demonstration):
 
 def test_a_trial_is_simulated_in_a_process_of_its_own_and_shown(served, reference):
     with served.signed_in() as (client, headers):
-        order = {"reference": reference.id, "object": "rice_box", "displacement_mm": -20.0}
+        order = {"reference": reference.id, "object": "rice_box", "displacement_mm": -20.0, "law_inertia": "M"}
         answer = client.post("/api/jobs/preview", json=order, headers=headers)
         assert (answer.status_code, answer.json()["running"]) == (202, True)
         wait_for(lambda: not client.get("/api/jobs/preview").json()["running"])
@@ -43,7 +44,7 @@ def test_a_trial_is_simulated_in_a_process_of_its_own_and_shown(served, referenc
 
 def test_the_200_ms_around_the_hit_of_a_trial_are_shown_at_a_twentieth(served, reference):
     ghost = served.parts.scenes.ghost
-    request = TrialRequest(str(reference.path), operator="anna")
+    request = RunRequest(TrialSpecification(str(reference.path)), "anna")
     served.job_manager.authority.take("anna")
     served.job_manager.authority.arm("anna")
     ghost.watch(served.job_manager.status())
@@ -83,7 +84,7 @@ def test_a_ghost_is_where_the_log_was_at_that_time(served, reference):
 def test_a_trial_that_had_ended_before_the_console_began_is_not_shown(served, reference):
     served.job_manager.authority.take("anna")
     served.job_manager.authority.arm("anna")
-    served.job_manager.order(TrialRequest(str(reference.path), operator="anna"))
+    served.job_manager.order(RunRequest(TrialSpecification(str(reference.path)), "anna"))
     served.job_manager.finished(JobState.DONE, None, True, reference.path.name)
     late = GhostPlayer(served.logs)
     late.watch(served.job_manager.status())

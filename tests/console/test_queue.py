@@ -9,9 +9,10 @@ import time
 import httpx
 import pytest
 
-from console.queue.entry import Entry, EntryState, QueueOrder, TrialOrder
-from console.queue.file import INTERRUPTED, QueueFileError
-from console.queue.queue import MAX_ENTRIES, Queue, QueueRefused, time_left_s
+from console.orders import TrialOrder
+from console.queue.entry import Entry, EntryState, QueueOrder
+from console.queue.queue import FILE_NAME, INTERRUPTED, MAX_ENTRIES, Queue, load_entries, time_left_s
+from console.refused import Refused
 from rtstack.cells import default_cell_file
 from rtstack.live.protocol import JobState
 from rtstack.planning import GrabPlan, plan_grab
@@ -44,7 +45,7 @@ class Operator:
         taken = []
         wait_for(lambda: (self.queue() and taken.append(self.served.job_manager.collect()[0])) or taken[-1] is not None)
         self.served.job_manager.started("trial.mcap")
-        return taken[-1]
+        return taken[-1].specification
 
     def end(self, state=JobState.DONE, success=True, reason=None):
         self.served.job_manager.finished(state, reason, success, "trial.mcap")
@@ -87,7 +88,7 @@ def test_repetitions_run_in_order_each_with_the_next_seed_and_leave_the_time_the
     for seed in (7, 8, 9):
         order = operator.order()
         assert (order.seed, order.controller, order.reaction) == (seed, "contact_completion", "stop")
-        assert (order.specification().reaction, order.specification().displacement_mm) == ("stop", -15.0)
+        assert order.displacement_mm == -15.0
         assert operator.states()[seed - 7] == "running"
         operator.end()
     wait_for(lambda: not operator.queue()["running"])
@@ -95,6 +96,23 @@ def test_repetitions_run_in_order_each_with_the_next_seed_and_leave_the_time_the
     assert [entry["state"] for entry in queue["entries"]] == ["succeeded"] * 3
     assert all(entry["duration_s"] > 0.0 for entry in queue["entries"])
     assert (queue["reason"], queue["time_left_s"]) == ("all of it is done", 0.0)
+
+
+def test_the_laws_inertia_goes_with_a_trial_a_sweep_and_the_queues_file_to_the_robot(operator, reference):
+    pages = [operator.client.get(path).text for path in ("/", "/trials")]
+    assert [page.count('<select name="law_inertia">') for page in pages] == [2, 1]  # demonstration and trial; sweep
+    assert all(page.count("the cell's (M+B_theta)") == page.count('<option value="M">') for page in pages)
+    operator.add(reference, law_inertia="M")
+    operator.add(reference, law_inertia=None)  # as the page sends it
+    sweep = {"reference": reference, "objects": ["rice_box"], "seeds": "3", "law_inertia": "M+B_theta"}
+    assert operator.post("queue/sweep", **sweep).status_code == 201
+    asked = ["M", None, "M+B_theta"]
+    assert [entry["trial"]["law_inertia"] for entry in operator.queue()["entries"]] == asked
+    assert [entry.trial.law_inertia for entry in load_entries(operator.served.logs / FILE_NAME)] == asked
+    operator.post("queue/start")
+    for law in asked:
+        assert operator.order().law_inertia == law
+        operator.end()
 
 
 @pytest.mark.parametrize(
@@ -216,8 +234,9 @@ def test_a_bad_value_is_one_line_and_nothing_is_added(operator, reference):
         ({"object": "piano"}, 409, "object: the cell has no piano"),
         ({"controller": "best"}, 422, "trial.controller"),
         ({"reaction": "flee"}, 422, "trial.reaction"),
+        ({"law_inertia": "M + B_theta"}, 422, "trial.law_inertia"),
         ({"displacement_mm": 1e9}, 422, "trial.displacement_mm"),
-        ({"seed": 2**31 - 1}, 409, "seed: the last repetition would have"),
+        ({"seed": 2**32 - 1}, 409, "seed: the last repetition would have"),
         ({"reference": "0" * 32}, 404, "there is no such recording or plan"),
     ):
         answer = operator.add(**{"reference": reference, "repetitions": 2, **change})
@@ -269,11 +288,11 @@ def test_a_restart_finds_the_queue_paused_and_what_ran_is_not_run_again(tmp_path
     assert [entry.state for entry in view.entries] == ["stopped", "waiting", "waiting"]
     assert (view.entries[0].reason, view.running) == (INTERRUPTED, False)
     assert again.next() == view.entries[1]
-    with pytest.raises(QueueRefused, match="room for"):
+    with pytest.raises(Refused, match="room for"):
         again.add(QueueOrder(trial(), 200), "") or [again.add(QueueOrder(trial(), 200), "") for _ in range(3)]
     assert len(again.view().entries) == len(Queue(file).view().entries) <= MAX_ENTRIES
     file.write_text(json.dumps([{"id": 1}]))
-    with pytest.raises(QueueFileError, match="remove the file to begin with an empty queue"):
+    with pytest.raises(Refused, match="remove the file to begin with an empty queue"):
         Queue(file)
 
 
@@ -283,14 +302,14 @@ def test_a_disk_that_is_full_changes_nothing_that_a_person_asks_for_and_hides_no
     entry = queue.view().entries[0]
     (tmp_path / "queue.json").unlink()
     (tmp_path / "queue.json").mkdir()  # as unwritable as a full disk, for root too
-    with pytest.raises(QueueFileError, match="cannot be written"):
+    with pytest.raises(Refused, match="cannot be written"):
         queue.add(QueueOrder(trial()), "")
     assert queue.view().entries == (entry,)
     queue.start("anna", False)
-    with pytest.raises(QueueFileError):
+    with pytest.raises(Refused):
         queue.claim(entry.id, "anna")
     assert queue.running() is None  # it does not begin where that cannot be kept
-    with pytest.raises(QueueFileError):
+    with pytest.raises(Refused):
         queue.note(entry.id, state=EntryState.SUCCEEDED)
     assert queue.view().entries[0].state is EntryState.SUCCEEDED
 

@@ -11,8 +11,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from console.review.cache import FOLDER, ReviewCache
-from console.scenes import Detail
-from rtstack.log.catalogue import Catalogue
+from console.scene.scenes import Detail
+from rtstack.log_folder.catalogue import Catalogue
 from tests.support.console.review_log import SPIKE_S, read, write_log
 from tests.support.console.served_console import serve_console
 
@@ -228,7 +228,7 @@ def test_the_scene_of_a_review_is_not_the_live_one(served, logs):
         assert "<title>Viser</title>" in page.text
         assert client.get("/viser/review/light/short/").status_code == 404
         assert client.get("/viser/review/light/with%20a%20space%20in%20it/").status_code == 404
-    assert served.parts.scenes._live == {}
+    assert served.parts.scenes._made == {}
     server = served.parts.review_scenes.server(Detail.LIGHT)
     assert httpx.get(f"http://127.0.0.1:{server.port}/", trust_env=False, timeout=60.0).status_code == 403
 

@@ -10,9 +10,9 @@ from console.review.columns import BUCKET, Columns, ColumnWriter, read_index
 from console.review.conversion import convert
 from console.review.conversion import main as conversion
 from console.review.series import Tabled, Window, csv_lines, curves, moment
-from rtstack.log.mcap_writer import McapWriter
+from rtstack.log.analysis.signals import column_block, signals, topic_signals
 from rtstack.log.reader import read_log
-from rtstack.log.signals import column_block, signals, topic_signals
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.samples import Mode
 from rtstack.topics import PLOTTED_TOPICS, TOPICS
 

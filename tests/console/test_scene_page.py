@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Error, sync_playwright
 from websockets.asyncio.server import ServerConnection
 
-from console.scenes import Detail
+from console.scene.scenes import Detail
 from tests.support.console.chromium import ARGUMENTS, CHROMIUM
 
 TRIES = 600

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from console.remedies import remedy_of
-from console.training.exercises import EXERCISES, Action
-from console.training.trainer import EARLIEST_S, LATEST_S, SURPRISE, Trainer
+from console.live.remedies import remedy_of
+from console.training.trainer import EARLIEST_S, EXERCISES, LATEST_S, SURPRISE, Action, Trainer
 from rtstack.live.idle import IdleView
 from rtstack.live.protocol import JobState
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Level, Mode
@@ -29,9 +28,9 @@ def test_every_exercise_is_a_script_that_the_simulated_cell_takes(exercise):
 
 def test_a_surprise_comes_at_any_moment_and_is_any_fault(served):
     trainer = Trainer(served.parts.watch, random.Random(1))
-    drawn = [trainer.request(SURPRISE, "rice_box", "anna") for _ in range(200)]
-    assert {exercise.name for exercise, _, _ in drawn} == {exercise.name for exercise in EXERCISES}
-    moments = np.array([at_s for _, at_s, _ in drawn])
+    drawn = [trainer.choose(SURPRISE) for _ in range(200)]
+    assert {exercise.name for exercise, _ in drawn} == {exercise.name for exercise in EXERCISES}
+    moments = np.array([at_s for _, at_s in drawn])
     assert EARLIEST_S <= moments.min() < EARLIEST_S + 0.2
     assert LATEST_S - 0.2 < moments.max() <= LATEST_S
 

@@ -6,12 +6,13 @@ import shutil
 import numpy as np
 import pytest
 
-from console.log_rows import Ending, LogRow
-from console.queue.entry import Entry, EntryState, TrialOrder
-from console.trials.means import Measure, means_of
+from console.orders import TrialOrder
+from console.queue.entry import Entry, EntryState
+from console.routes.trials import Measure, means_of
 from rtstack.cells import default_cell_file
-from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
+from rtstack.log_folder.catalogue import Catalogue
+from rtstack.log_folder.log_rows import Ending, LogRow
 from rtstack.model.cell_description import base_frame, load_cell_description
 from rtstack.samples import SIDES
 from tests.support.console.review_log import write_log
@@ -40,7 +41,7 @@ def test_a_card_has_the_verdict_three_numbers_of_the_log_and_the_order_that_it_w
     assert (card["compared"], card["before"]) == (1, entries["trial0"].id)
     assert card["again"] == {
         "reference": entries["ref"].id, "object": "rice_box", "controller": "proposed", "displacement_mm": 0.0,
-        "displacement_x_mm": 0.0, "yaw_deg": 0.0, "seed": 1, "reaction": "continue",
+        "displacement_x_mm": 0.0, "yaw_deg": 0.0, "seed": 1, "reaction": "continue", "law_inertia": "M+B_theta",
     }  # fmt: skip
 
     log = read_log(entry.path)
@@ -102,7 +103,7 @@ def test_only_a_trial_has_a_card_and_a_trial_whose_reference_has_gone_says_so(tr
 def test_the_queues_means_are_those_of_its_trials_logs(trials):
     client, entries, served = trials
     rows = {row["name"]: row for row in client.get("/api/logs").json()}
-    order = TrialOrder(entries["ref"].id, "rice_box")
+    order = TrialOrder(entries["ref"].id, object="rice_box")
     served.parts.queue._entries = [
         Entry(str(number) * 16, order, "ref", state=EntryState.SUCCEEDED, log=entries[f"trial{number}"].id)
         for number in range(2)
@@ -122,7 +123,7 @@ def _row(controller, shift, force, success: bool | None = True):
         id="", name="", kind="trial", controller=controller, object="rice_box", displacement_mm=shift, seed=0,
         success=success, outcome="", verdict=None, note=None, average_force_norm=force, max_lift_mm=None, when=0.0,
         size_bytes=0, recording=False, title="", decision=None, displacement_x_mm=0.0, yaw_deg=0.0,
-        ending=Ending.SUCCESS if success else Ending.FAILURE, starred=False, tags=(),
+        law_inertia=None, ending=Ending.SUCCESS if success else Ending.FAILURE, starred=False, tags=(),
     )  # fmt: skip
 
 

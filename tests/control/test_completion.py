@@ -62,11 +62,7 @@ def test_a_state_that_is_asked_about_twice_counts_once():
     assert found == [False] * 20 + [True] * 2
 
 
-@given(
-    angles=st.tuples(*3 * [st.floats(-3.0, 3.0)]),
-    press=st.floats(0.0, 10.0),
-    speed=st.floats(-0.1, 0.1),
-)
+@given(angles=st.tuples(*3 * [st.floats(-3.0, 3.0)]), press=st.floats(0.0, 10.0), speed=st.floats(-0.1, 0.1))
 def test_the_axes_of_the_world_are_of_no_account(angles, press, speed):
     turn = np.ascontiguousarray(Rotation.from_rotvec(angles).as_matrix() @ INTO)
     normal = turn[:, 2].copy()

@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 
 from rtstack.bench.plain import PlainArm, PlainLimits, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
-from rtstack.control.parameters import ControlParameters, FrictionParameters
+from rtstack.control.parameters import ControlParameters, FrictionParameters, InertiaParameters
 from rtstack.control.records import POINT
-from rtstack.control.tick import ArmController, DualArmController, make_arm_controller
+from rtstack.control.tick import ArmController, CellController
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import HARDWARE, control_limits
-from rtstack.samples import Mode, QpStatus
+from rtstack.samples import LawInertia, Mode, QpStatus
+from tests.support.arm_controller import make_arm_controller
 
 
 def _arm(cell: CellDescription) -> ArmController:
@@ -68,19 +69,21 @@ def test_both_ticks_have_the_same_limits_from_two_sources():
 
 @given(
     seed=st.integers(0, 2**31), weight=st.sampled_from([0.0, 0.3, 1.0]), ticks=st.integers(1, 4), tasks=st.booleans(),
-    tight=st.booleans(),
+    tight=st.booleans(), law=st.sampled_from(list(LawInertia)),
 )  # fmt: skip
-@example(seed=2177387, weight=0.0, ticks=1, tasks=True, tight=True)  # at full speed, before the position's line
+# at full speed, before the position's line
+@example(seed=2177387, weight=0.0, ticks=1, tasks=True, tight=True, law=LawInertia.LINKS_AND_MOTORS)
 @settings(max_examples=100, deadline=None)
-def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks, tight):
-    """With both task laws, an error of the robot's gravity compensation that is made up for, and a cell's limits."""
+def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks, tight, law):
+    """With both task laws, both inertias, an error of the robot's gravity compensation, and a cell's limits."""
     rng = np.random.default_rng(seed)
     table = _table(rng) if tight else {}
     control = ControlParameters(acceleration_tasks=tasks)
     friction = FrictionParameters(gravity_share=0.01 * rng.normal(size=7))
     model, limits = ArmModel(cell.left, cell.pad), HARDWARE.tightened(table)
-    arm = make_arm_controller(model, control, friction=friction, limits=limits)
-    plain = PlainArm(ArmModel(cell.left, cell.pad), control, friction=friction, safety=table)
+    inertia = InertiaParameters(law_inertia=law)
+    arm = make_arm_controller(model, control, inertia=inertia, friction=friction, limits=limits)
+    plain = PlainArm(ArmModel(cell.left, cell.pad), control, inertia=inertia, friction=friction, safety=table)
     arm.pursue(control.stiffness, control.posture_gain)
     tolerance = {QpStatus.UNCONSTRAINED: 1e-9, QpStatus.SOLVED: 1e-3}
     for _ in range(ticks):
@@ -237,7 +240,7 @@ def test_desired_wrench_at_the_switches(cell, strategy):
     left, right = _arm(cell), _arm(cell)
     parameters = ControlParameters()
     machine = ModeMachine(strategy, parameters, 0.5)
-    controller = DualArmController(left, right, machine)
+    controller = CellController((left, right), machine)
     machine.begin(Mode.ANTE_IMPACT)
     rng = np.random.default_rng(5)
     left.sample["q"][0] = cell.left.home

@@ -15,7 +15,7 @@ from rtstack.safety.judge import Cause, Judgement, SafetyJudge
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, cell_parameters
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 CELLS = sorted((Path(next(iter(deploy.__path__))) / "cells").glob("*.toml"))
 MODELS = ("fr3", "fer")
@@ -25,12 +25,12 @@ STEP_S = 1e-3
 def cell_with(path: Path, model: str) -> CellDescription:
     """Return the cell of a file, with arms of this model."""
     cell = load_cell_description(path)
-    return replace(cell, left=replace(cell.left, model=model), right=replace(cell.right, model=model))
+    return replace(cell, **{side: replace(arm, model=model) for side, arm in cell.mountings.items()})
 
 
 def tightened(cell: CellDescription, rng: np.random.Generator) -> CellDescription:
     """Return the cell with each of the joints' limits drawn in, or not: positions by up to 0.6 of half the range."""
-    limits, table = safety_limits(cell), dict(cell.safety)
+    limits, table = limits_of_arms(cell)[0], dict(cell.safety)
     lower, upper = np.array(limits.q_lower), np.array(limits.q_upper)
     half = (upper - lower) / 2
     drawn = {
@@ -66,8 +66,8 @@ def asked(cell: CellDescription, rng: np.random.Generator) -> QpStatus | None:
     """Have a far-away setpoint pursued from a state inside the limits, and have the judge look at the torque and at the
     next state that the controller's own model expects. Returns the QP's status, None where the arm cannot hold there.
     """
-    limits = safety_limits(cell)
-    arm = arm_controllers(cell, cell_parameters(cell))[int(rng.integers(2))]
+    limits = limits_of_arms(cell)[0]
+    arm = arm_controllers(cell, cell_parameters(cell))[int(rng.integers(2)) % len(cell.arms)]
     q, dq = state_inside(limits, rng)
     arm.sample["q"][0], arm.sample["dq"][0] = q, dq
     arm.observe()

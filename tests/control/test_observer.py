@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
-from rtstack.control.tick import make_arm_controller
 from rtstack.model.arm_model import ArmModel
+from tests.support.arm_controller import make_arm_controller
 
 
 def test_an_arm_at_rest_that_reads_something_begins_with_it_and_without_a_rate(cell):

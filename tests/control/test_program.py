@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtstack.control.active_set import ActiveSetProgram
-from rtstack.control.optimality import optimality_error
+from rtstack.control.active_set import ActiveSetProgram, optimality_error
 from rtstack.control.program import DaqpProgram, ProxqpProgram, SecondOpinion, program
 from rtstack.samples import QpSolver, QpStatus
 

@@ -15,7 +15,7 @@ from rtstack.datasets.lerobot import LeRobot, plain
 from rtstack.datasets.lerobot_import import import_episode
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
-from rtstack.playback.motion import load_motion
+from rtstack.playback.path import load_motion
 from tests.support.log.samples import MS, WrittenLog, write_log
 from tests.support.log.seen import write_seen_log
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from rtstack.cells import default_cell_file
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.assembly import cell_parameters, default_parameters
@@ -30,6 +30,7 @@ TEXT = default_cell_file().read_text()
         ("power_max = 100.0", "power_maximum = 100.0", "safety.power_maximum"),
         ("cutoff_hz = 0.0", "cutoff = 0.0", "torque_filter.cutoff"),
         ("[tracker]", "[gains]\nstiffness = [9000.0, 1, 1, 1, 1, 1]\n[tracker]", "gains.stiffness"),
+        ("[tracker]", '[gains]\nlaw_inertia = "m"\n[tracker]', "gains.law_inertia"),
     ],
 )
 def test_what_is_wrong_has_its_line_key_and_reason(tmp_path, old, new, key):

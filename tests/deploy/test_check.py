@@ -102,7 +102,7 @@ def test_a_file_is_no_folder_of_logs(tmp_path):
     assert (disk.verdict, disk.value) == ("fail", f"{tmp_path / 'logs'} is no folder")
 
 
-@pytest.mark.parametrize("arguments", [("--left", LEFT), ("--cell-file",), ("--cell", "lab.toml")])
+@pytest.mark.parametrize("arguments", [("--cell-file",), ("--cell", "lab.toml")])
 def test_bad_input_is_one_line(command_line, arguments):
     done = command_line("check", *arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.extras import advice
+from hal.base.extras import advice
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 EXTRAS = {

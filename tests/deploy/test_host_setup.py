@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 import typer
 
-from deploy.host import Command, HostSetupError, Interface, Journal, Machine, Wishes, make_plan
-from deploy.host.plan import IRQ_PRIORITY
-from hal.realtime import _BESIDE, PRIORITY
+from deploy.host.changes import Command
+from deploy.host.journal import Journal
+from deploy.host.machine import HostSetupError, Machine
+from deploy.host.plan import IRQ_PRIORITY, Interface, Wishes, make_plan
+from hal.base.realtime import _BESIDE, PRIORITY
 from rtstack.cli.host_setup import apply_changes
 
 COMMAND = Path(sys.executable).with_name("rtstack")

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
+from rtstack.log_folder import policy
+from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry
+from rtstack.log_folder.remarks import mark_reviewed, may_go
 from rtstack.references.acceptance import Acceptance, AcceptanceState, save_acceptance
-from rtstack.retention import policy
-from rtstack.retention.marks import mark_reviewed, may_go
 
 NOW_S = 1.7e9
 DAY_S = policy.DAY_S

@@ -131,7 +131,7 @@ def test_eleven_makes_a_bag_that_a_reader_of_ros_2_reads_bit_for_bit(demonstrati
 
 
 @pytest.mark.long
-def test_twelve_finds_the_box_in_a_picture_and_grabs_it(folder):
+def test_twelve_finds_the_box_in_a_picture_and_grabs_it(folder, learned_grab):
     done = _as_program(folder, "12_policy_that_looks.py")
     assert done.returncode == 0, done.stdout + done.stderr
     saw, came = done.stdout.splitlines()
@@ -168,7 +168,7 @@ def test_thirteen_makes_of_an_observation_the_frame_that_the_data_set_has(demons
     answer = lerobot_policy["answer_to"](shown, longer.reshape(3, 14))
     assert (answer["to"], answer["step_s"]) == (7, 0.02)
     np.testing.assert_allclose(np.reshape(answer["poses"], (3, 14)), actions, atol=1e-12)
-    assert Chunk(answer["step_s"], np.array(answer["poses"])).problem() is None
+    assert Chunk(answer["step_s"], np.array(answer["poses"])).problem(2) is None
 
 
 @pytest.mark.long

@@ -1,24 +1,28 @@
-"""The page of what the simulated robot does names what the code has, and tests that exist."""
+"""Tables of the documentation name what the code has, and tests that exist."""
 
 import ast
+import re
 import sys
+import tomllib
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from hal.robot_errors import ROBOT_ERRORS
+from rtstack.loop.end import End
+from rtstack.safety.reasons import Cause
+from sim_robot.faults.file import faults_in
+from sim_robot.faults.kinds import KINDS
 from sim_robot.fci.protocol import ROBOT_STATE, Command, ConnectStatus, MoveStatus, RecoveryStatus, SetStatus
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs/generate"))
 
 from fidelity import read_tables  # noqa: E402
+from watchdogs import WATCHDOGS  # noqa: E402
 
-STATUSES = {
-    Command.CONNECT: ConnectStatus,
-    Command.MOVE: MoveStatus,
-    Command.AUTOMATIC_ERROR_RECOVERY: RecoveryStatus,
-}
+STATUSES = {Command.CONNECT: ConnectStatus, Command.MOVE: MoveStatus, Command.AUTOMATIC_ERROR_RECOVERY: RecoveryStatus}
 
 
 def test_every_field_error_and_request_has_its_row() -> None:
@@ -47,3 +51,37 @@ def test_an_error_with_a_test_is_named_there() -> None:
     for name, entry in read_tables()["errors"].items():
         if "test" in entry:
             assert name in (ROOT / entry["test"].partition("::")[0]).read_text(), name
+
+
+def test_every_test_that_a_hazard_names_is_there():
+    text = (ROOT / "docs/reference/hazards.md").read_text()
+    named = re.findall(r"`(tests/[\w/.]+)`", text)
+    assert len(named) > 8
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+FAULT_SCRIPTS = (Path(__file__).parents[2] / "docs" / "fault_scripts.md").read_text()
+
+
+def test_every_kind_is_in_the_table_with_its_keys():
+    rows = dict(re.findall(r"^\| `(\w+)`([^|]*\|[^|]*)\|", FAULT_SCRIPTS, re.MULTILINE))
+    kinds = {name: row for name, row in rows.items() if name in KINDS}
+    assert kinds.keys() == KINDS.keys()
+    for name, row in kinds.items():
+        effect = KINDS[name]
+        assert set(re.findall(r"`(\w+)`", row)) == {field.name for field in fields(effect)}, name
+        assert ("of no arm" in row) == (not effect.of_an_arm), name
+        assert ("of the link" in row) == effect.of_the_link, name
+
+
+def test_the_example_is_taken():
+    example = FAULT_SCRIPTS.split("```toml", 1)[1].split("\n", 1)[1].split("```", 1)[0]
+    assert [fault.effect.kind for fault in faults_in(tomllib.loads(example), "the page")] == ["push", "reflex"]
+
+
+def test_every_fault_of_a_session_has_its_watchdog():
+    reasons = {entry.reason for entry in WATCHDOGS}
+    assert {end for end in End if end.is_fault} - {End.SAFETY} <= reasons
+    by_time = (Cause.NOT_FINITE, Cause.STATE_AGE, Cause.STATE_GAP, Cause.TIME_BACKWARDS, Cause.PAIR_SKEW)
+    assert {reason.text for reason in by_time} <= reasons
+    assert len({entry.name for entry in WATCHDOGS}) == len(WATCHDOGS)

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from rtstack.cli.campaign import campaign
 from rtstack.experiments import workers
 from rtstack.trials.errors import TrialError

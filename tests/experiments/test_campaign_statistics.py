@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rtstack.experiments.claims import ClaimStatus, at_least, at_most, combined, order
 from rtstack.experiments.statistics import Interval, plain_mean, proportion, stratified_mean
 
 
@@ -55,3 +56,40 @@ def test_below_means_wholly_below():
     assert Interval(1.0, 0.5, 1.5, 5).below(Interval(3.0, 1.6, 4.0, 5))
     assert not Interval(1.0, 0.5, 1.7, 5).below(Interval(3.0, 1.6, 4.0, 5))
     assert Interval(1.0, None, None, 1).below(Interval(3.0, 1.6, 4.0, 5)) is None
+
+
+LOW, HIGH, WIDE = Interval(1.0, 0.9, 1.1, 9), Interval(2.0, 1.9, 2.1, 9), Interval(1.6, 0.5, 2.7, 9)
+ALONE = Interval(0.0, None, None, 1)  # one trial
+
+
+@pytest.mark.parametrize(
+    ("pair", "verdict"),
+    [
+        ((LOW, HIGH), ClaimStatus.HOLDS),
+        ((HIGH, LOW), ClaimStatus.DIFFERS),
+        ((LOW, WIDE), ClaimStatus.WITHIN),
+        ((WIDE, LOW), ClaimStatus.UNDECIDED),  # against the claim by its mean, which the interval does not exclude
+        ((ALONE, HIGH), ClaimStatus.UNDECIDED),
+        ((None, HIGH), ClaimStatus.UNDECIDED),
+    ],
+)
+def test_an_order_needs_intervals(pair, verdict):
+    assert order([pair]) == verdict
+    assert order([(LOW, HIGH), pair]) == verdict
+    assert order([(HIGH, LOW), pair]) == ClaimStatus.DIFFERS
+
+
+@pytest.mark.parametrize(
+    ("interval", "bound", "verdict"),
+    [(LOW, 1.2, ClaimStatus.HOLDS), (LOW, 0.8, ClaimStatus.DIFFERS), (LOW, 1.05, ClaimStatus.WITHIN),
+     (LOW, 0.95, ClaimStatus.UNDECIDED), (ALONE, 9.0, ClaimStatus.UNDECIDED), (None, 9.0, ClaimStatus.UNDECIDED)],
+)  # fmt: skip
+def test_a_bound_needs_an_interval(interval, bound, verdict):
+    assert at_most(interval, bound) == verdict
+    assert at_least(None if interval is None else interval.negative, -bound) == verdict
+
+
+def test_a_claim_of_several_parts_is_as_its_worst_part():
+    assert combined([]) == ClaimStatus.UNDECIDED
+    assert combined([ClaimStatus.HOLDS, ClaimStatus.WITHIN]) == ClaimStatus.WITHIN
+    assert combined([ClaimStatus.UNDECIDED, ClaimStatus.DIFFERS, ClaimStatus.HOLDS]) == ClaimStatus.DIFFERS

@@ -1,5 +1,6 @@
 """The engine with the smallest experiment: stages, cases, retries, the progress file, the report."""
 
+import hashlib
 import json
 import os
 import re
@@ -8,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from console.campaigns.folder import CampaignFolder
+from hal.base.configuration import ConfigurationError
 from rtstack.experiments.experiment import Request, Results
 from rtstack.experiments.plan_file import PlanFile
 from rtstack.experiments.preliminary import Preliminary
@@ -101,6 +103,84 @@ def test_rows_become_claims_a_table_a_figure_and_a_page(experiment, client):
     assert len(re.findall("data:image/png;base64,", page)) == 1
     assert '<td>False</td><td class="number">2</td>' in page
     assert "3 of 3 trials" in page
+
+
+CLAIMED = """
+[registration]
+excluded = ["numbers that are not whole"]
+chosen_on = ["numbers above 100"]
+
+[[claims]]
+judge = "even"
+where = "2"
+mark = "one at least"
+"""
+
+
+def reported(experiment):
+    out = experiment.request.out
+    with Store(out, experiment.columns) as store:
+        store.claim(experiment)
+        rows = store.rows(experiment.cases(store.rows()))
+        page = write_report(experiment.report(Results(rows, out)), experiment, store, rows).read_text()
+    return page, json.loads((out / "report.json").read_text())
+
+
+def changed(experiment, text):
+    """The same folder, with a plan whose file was changed meanwhile."""
+    experiment.request.file.path.write_text(text)
+    kind = type(experiment)
+    return kind(kind.read(experiment.request.file.path, False), experiment.request)
+
+
+def test_the_report_says_that_claims_were_changed_after_results_existed(experiment, client):
+    run(experiment, client)
+    page, numbers = reported(experiment)
+    assert "changed after results existed" not in page
+    assert numbers["registration"]["changed"] is False
+    later = changed(experiment, PLAN + CLAIMED)
+    assert later.digest == experiment.digest  # no row depends on it
+    page, numbers = reported(later)
+    assert "The plan's file was changed after results existed" in page
+    registration = numbers["registration"]
+    assert registration["changed"] is True
+    assert registration["first_digest"] == hashlib.sha256(PLAN.encode()).hexdigest() in page
+    assert registration["digest"] == hashlib.sha256((PLAN + CLAIMED).encode()).hexdigest()
+    back = changed(experiment, PLAN)
+    assert "changed after results existed" not in reported(back)[0]
+
+
+def test_a_plan_may_change_before_its_first_result(experiment, client):
+    with Store(experiment.request.out, experiment.columns) as store:
+        store.claim(experiment)
+    later = changed(experiment, PLAN + CLAIMED)
+    run(later, client)
+    page, numbers = reported(later)
+    assert numbers["registration"]["changed"] is False
+    assert "numbers that are not whole" in page
+    assert "numbers above 100" in page
+
+
+def test_what_the_paper_claims_and_what_we_ask_for_are_two_columns(experiment, client):
+    ours = changed(experiment, PLAN + CLAIMED)
+    run(ours, client)
+    page, numbers = reported(ours)
+    (claim,) = numbers["conditions"][0]["claims"]
+    assert (claim["where"], claim["claim"], claim["mark"], claim["figures"]) == ("2", "", "one at least", "1 of 3")
+    assert "<td>2</td><td>-</td><td>one at least</td><td>1 of 3</td>" in page
+
+
+@pytest.mark.parametrize(
+    ("claim", "said"),
+    [
+        ('judge = "odd"\nwhere = "1"\nsays = "some are odd"', "key claims.0.judge: unknown 'odd': choose one of even"),
+        ('judge = "even"\nwhere = "1"', "key claims.0: give says"),
+        ('judge = "even"\nsays = "some are even"', "key claims.0.where"),
+    ],
+)
+def test_a_claim_that_nobody_can_judge_is_refused(experiment, claim, said):
+    with pytest.raises(ConfigurationError, match=said):
+        changed(experiment, f"{PLAN}[[claims]]\n{claim}\n")
 
 
 def test_figures_and_claims_of_results_so_far(experiment, client, monkeypatch):

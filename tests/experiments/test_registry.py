@@ -16,7 +16,6 @@ OURS = {
     "aim-aware-planar",
     "aim-aware-arm",
     "aim-aware-grab",
-    "reality",
 }
 
 

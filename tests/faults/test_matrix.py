@@ -22,8 +22,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(program: str, out: Path, *arguments: str) -> tuple[int, dict[str, dict[str, str]]]:
-    """Run tests.programs.fault_PROGRAM; return its exit status and the rows of its table by case."""
-    command = [sys.executable, "-m", f"tests.programs.fault_{program}", "--out", str(out), *arguments]
+    """Run a module; return its exit status and the rows of its table by case."""
+    command = [sys.executable, "-m", f"tests.{program}", "--out", str(out), *arguments]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
     table = out / "table.csv"
     assert table.exists(), done.stdout
@@ -33,7 +33,7 @@ def run(program: str, out: Path, *arguments: str) -> tuple[int, dict[str, dict[s
 
 @pytest.mark.long
 def test_a_sample_of_the_matrix(out: Path) -> None:
-    status, rows = run("matrix", out, *(word for case in SAMPLE for word in ("--case", case)))
+    status, rows = run("programs.fault_matrix", out, *(word for case in SAMPLE for word in ("--case", case)))
     assert len(rows) == len(SAMPLE)
     assert {name: row["misses"] for name, row in rows.items() if row["misses"]} == {}
     assert status == 0
@@ -43,7 +43,7 @@ def test_a_sample_of_the_matrix(out: Path) -> None:
 
 @pytest.mark.long
 def test_what_is_not_as_it_has_to_be_is_missed(out: Path) -> None:
-    status, rows = run("sabotage", out)
+    status, rows = run("support.faults.sabotage", out)
     assert status == 1
     said = {row["fault"]: row["misses"] for row in rows.values()}
     assert "the reaction is: goes on" in said["nothing is brought about"]
@@ -58,5 +58,5 @@ def test_what_there_is_not_is_one_line(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.programs.fault_matrix", "--out", str(tmp_path / "out")]
     done = subprocess.run([*command, "--fault", "bad weather"], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2
-    assert "there is no fault 'bad weather'; there are packets lost for 10 ms, " in done.stderr.splitlines()[-1]
+    assert "there is no 'bad weather': choose from packets lost for 10 ms, " in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()

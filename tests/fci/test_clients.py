@@ -41,7 +41,7 @@ def test_a_client_that_comes_back_a_hundred_times(lockstep: Served) -> None:
 
 def test_two_clients_on_two_arms(lockstep: Served) -> None:
     """Two processes, each unaware of the other."""
-    parts = ("finished_in_the_middle", "impedance", "ready", "joint_velocity", "cartesian_velocity")
+    parts = ("finished_in_the_middle", "impedance", "ready", "consecutive")
     both = [program("pylibfranka", address, *parts) for address in (lockstep.left, lockstep.right)]
     for client in both:
         said, _ = client.communicate(timeout=120)
@@ -52,12 +52,7 @@ def test_a_motion_with_the_clients_own_controller(lockstep: Served) -> None:
     """Joint velocities, and beside them the torques that follow them."""
     stiffness, damping = np.full(7, 200.0), np.full(7, 10.0)
     with RawClient(lockstep.left) as raw:
-        raw.connect()
-        assert raw.move(Controller.EXTERNAL, Generator.JOINT_VELOCITY) == MoveStatus.MOTION_STARTED
-        state = raw.state()
-        while state["robot_mode"] != franka.RobotMode.Move.value:
-            state = raw.state()
-        first = state
+        first = state = raw.begin(Controller.EXTERNAL, Generator.JOINT_VELOCITY)
         for tick in range(TICKS + 1):
             velocity = np.zeros(7)
             velocity[JOINT] = 0.2 * (1.0 - np.cos(2.0 * np.pi * tick / TICKS))

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, MoveStatus
 from tests.support.fci.client import smooth
-from tests.support.fci.raw import ANYWHERE, Deviation, RawClient
+from tests.support.fci.raw import ANYWHERE, Deviation, RawClient, errors_of
 from tests.support.fci.server import Served
 
 SOFT = np.full(7, 200.0)  # Nm/rad: the arm lags behind by its friction
@@ -31,19 +30,13 @@ def deviations(state: np.void) -> np.ndarray:
     return np.array([np.linalg.norm(T[:3, 3] - T_d[:3, 3]), turned, abs(state["elbow"][0] - state["elbow_d"][0])])
 
 
-def errors(state: np.void) -> set[str]:
-    return {name for name, flag in zip(ROBOT_ERRORS, state["errors"], strict=True) if flag}
-
-
 def run(raw: RawClient, path: Deviation = ANYWHERE, goal: Deviation = ANYWHERE) -> list[np.void]:
     """Go the way, softly, and say so at its end; the states of the motion, and the one that shows how it ended."""
     raw.connect()
     raw.send(Command.SET_JOINT_IMPEDANCE, SOFT.tobytes())
     raw.answer()
     assert raw.move(*POSITIONS, path=path, goal=goal) == MoveStatus.MOTION_STARTED
-    state = raw.state()
-    while state["robot_mode"] != RobotMode.MOVE:
-        state = raw.state()
+    state = raw.moving_state()
     states, start = [state], state["q_d"].astype(float)
     for tick in range(TICKS + 1):
         way = smooth(tick / TICKS) * WAY
@@ -63,7 +56,7 @@ def test_a_path_deviation_stops_the_arm_at_once(lockstep: Served, part: int) -> 
     off = [deviations(state)[part] / tolerance[part] for state in states[:-1]]  # the last one desires to be where it is
     assert 0.9 < off[-1] <= max(off) <= 1.0  # it lags more each ms, and the first ms too much has stopped it
     assert len(states) < TICKS
-    assert errors(states[-1]) == {"max_path_pose_deviation_violation"}
+    assert errors_of(states[-1]) == {"max_path_pose_deviation_violation"}
 
 
 @pytest.mark.parametrize("part", range(3), ids=["translation", "rotation", "elbow"])
@@ -72,7 +65,7 @@ def test_a_goal_deviation_counts_at_the_end_only(lockstep: Served, part: int) ->
         states = run(raw, goal=one_of(TINY, part))
         assert raw.answer()[2] == bytes((MoveStatus.REFLEX_ABORTED,))
     assert len(states) == TICKS + 2
-    assert errors(states[-1]) == {"max_goal_pose_deviation_violation"}
+    assert errors_of(states[-1]) == {"max_goal_pose_deviation_violation"}
 
 
 def test_who_is_within_both_deviations_arrives(lockstep: Served) -> None:
@@ -81,7 +74,7 @@ def test_who_is_within_both_deviations_arrives(lockstep: Served) -> None:
         states = run(raw, path=most, goal=most)
         assert raw.answer()[2] == bytes((MoveStatus.SUCCESS,))
     assert np.all(np.max([deviations(state) for state in states], axis=0) > TOLERANCES)  # which would have stopped it
-    assert not errors(states[-1])
+    assert not errors_of(states[-1])
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -1.0])

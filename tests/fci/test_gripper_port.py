@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sim_robot.cell import SimulatedCell, simulated_cell
-from sim_robot.fci.gripper import MOST_CLIENTS, NOT_MOUNTED, STATE, GripperPort, vacuum_port
+from sim_robot.fci.gripper import MOST_CLIENTS, NOT_MOUNTED, STATE, GripperPort
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION, VACUUM_PORT, VACUUM_VERSION
 
@@ -176,7 +176,7 @@ def test_a_wrong_version_is_told_so(served: Served) -> None:
 def test_no_vacuum_gripper_is_mounted() -> None:
     served = Served(None)
     served.port.close()
-    served.port = vacuum_port(served.poller, ADDRESS)
+    served.port = GripperPort(served.poller, ADDRESS, None, VACUUM_PORT, VACUUM_VERSION)
     with contextlib.closing(served), contextlib.closing(Client(served, VACUUM_PORT)) as client:
         assert client.connect(VACUUM_VERSION) == (NOT_MOUNTED, VACUUM_VERSION)
 

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, MoveStatus
-from tests.support.fci.raw import RawClient
+from tests.support.fci.raw import RawClient, errors_of
 from tests.support.fci.server import Served, serve
 
 AT_S = 0.05
@@ -32,19 +31,9 @@ def script(tmp_path: Path):
     return served
 
 
-def started(raw: RawClient) -> np.void:
-    """Connect and begin torque control; return the first state of it."""
-    raw.connect()
-    assert raw.move() == MoveStatus.MOTION_STARTED
-    state = raw.state()
-    while state["robot_mode"] != RobotMode.MOVE:
-        state = raw.state()
-    return state
-
-
 def answered(raw: RawClient, ticks: int) -> list[np.void]:
     """Begin torque control, answer with zero torque for some ms, and return every new state."""
-    states = [started(raw)]
+    states = [raw.begin()]
     for _ in range(ticks):
         raw.command(states[-1])
         state = raw.state()
@@ -53,10 +42,6 @@ def answered(raw: RawClient, ticks: int) -> list[np.void]:
             state = raw.state()
         states.append(state)
     return states
-
-
-def set_errors(state: np.void) -> set[str]:
-    return {name for name, flag in zip(ROBOT_ERRORS, state["errors"], strict=True) if flag}
 
 
 def test_lost_answers_are_lost_packets(script) -> None:
@@ -70,12 +55,12 @@ def test_lost_answers_are_lost_packets(script) -> None:
 
 def test_twenty_lost_answers_are_a_reflex(script) -> None:
     with script("answers_lost") as served, RawClient(served.left) as raw:
-        state = started(raw)
+        state = raw.begin()
         while state["robot_mode"] == RobotMode.MOVE:
             raw.command(state)
             state = raw.state()
         assert raw.answer()[2][0] == MoveStatus.REFLEX_ABORTED
-    assert set_errors(state) == {"communication_constraints_violation"}
+    assert errors_of(state) == {"communication_constraints_violation"}
 
 
 def test_lost_states_are_missing_and_the_robot_goes_on(script) -> None:
@@ -89,7 +74,7 @@ def test_lost_states_are_missing_and_the_robot_goes_on(script) -> None:
 
 def test_a_frozen_state_on_the_wire(script) -> None:
     with script("state_frozen", 'arm = "left"\nduration_s = 0.01') as served, RawClient(served.left) as raw:
-        state = started(raw)
+        state = raw.begin()
         seen = []
         for _ in range(100):
             raw.command(state)
@@ -115,7 +100,7 @@ def test_a_closed_connection(script) -> None:
             state = raw.state()
             while state["robot_mode"] == RobotMode.MOVE:
                 state = raw.state()
-    assert set_errors(state) == {"communication_constraints_violation"}
+    assert errors_of(state) == {"communication_constraints_violation"}
 
 
 def test_a_server_that_stalls_goes_on(script) -> None:
@@ -127,7 +112,7 @@ def test_a_server_that_stalls_goes_on(script) -> None:
 
 def test_a_user_stop_ends_the_motion_and_refuses_the_next_until_it_is_released(script) -> None:
     with script("user_stop", 'arm = "left"\nduration_s = 0.3') as served, RawClient(served.left) as raw:
-        state = started(raw)
+        state = raw.begin()
         while state["robot_mode"] == RobotMode.MOVE:
             raw.command(state)
             state = raw.state()
@@ -147,12 +132,12 @@ def test_a_user_stop_ends_the_motion_and_refuses_the_next_until_it_is_released(s
 def test_a_reflex_is_recovered_once_its_cause_is_gone(script) -> None:
     keys = 'arm = "left"\nduration_s = 0.3\nerror = "cartesian_reflex"'
     with script("reflex", keys) as served, RawClient(served.left) as raw:
-        state = started(raw)
+        state = raw.begin()
         while state["robot_mode"] == RobotMode.MOVE:
             raw.command(state)
             state = raw.state()
         assert raw.answer()[2][0] == MoveStatus.REFLEX_ABORTED
-        assert set_errors(state) == {"cartesian_reflex"}
+        assert errors_of(state) == {"cartesian_reflex"}
         tries = []
         while not tries or tries[-1] != 0:
             raw.send(Command.AUTOMATIC_ERROR_RECOVERY)

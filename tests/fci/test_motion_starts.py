@@ -9,17 +9,16 @@ import numpy as np
 import pylibfranka as franka
 import pytest
 
-from hal.robot_errors import ROBOT_ERRORS
 from sim_robot.fci.protocol import Command
-from tests.support.fci.client import connect, go_home
-from tests.support.fci.motions import CARTESIAN, JOINT, TICKS, moving_state, run, there_and_back
+from tests.support.fci.client import connect
+from tests.support.fci.motions import CARTESIAN, JOINT, TICKS, run, there_and_back
 from tests.support.fci.motions import DIRECTION as UP
-from tests.support.fci.raw import RawClient
+from tests.support.fci.raw import RawClient, errors_of
 from tests.support.fci.server import Served
 
 SOFT = 50.0  # Nm/rad: friction, and what gravity compensation leaves, pull the arm away from where it is held
 STEP = 2e-4  # rad, m: ten times the noise of two readings
-STARTS = 5
+STARTS = 2
 
 
 def from_q(state: franka.RobotState, share: float) -> franka.JointPositions:
@@ -46,7 +45,6 @@ def test_a_motion_that_begins_at_the_measured_state(
     lockstep: Served, law: Callable, controller: franka.ControllerMode
 ) -> None:
     robot = connect(lockstep.left)
-    go_home(robot)
     for _ in range(STARTS):  # each meets other noise, and what the last motion has left
         states = run(start(robot, law, controller), law)
         assert np.abs(np.array(states[-1].q) - states[0].q).max() < 3e-3
@@ -56,7 +54,6 @@ def test_a_motion_that_begins_at_the_measured_state(
 @pytest.mark.parametrize("law", LAWS)
 def test_an_arm_that_sags_starts_where_it_is(lockstep: Served, law: Callable) -> None:
     robot = connect(lockstep.left)
-    go_home(robot)
     robot.set_joint_impedance([SOFT] * 7)
     states = run(start(robot, from_q, JOINT), from_q)  # from here on the arm lies below its goal
     off = np.abs(np.array(states[-1].q) - states[-1].q_d).max()
@@ -66,9 +63,7 @@ def test_an_arm_that_sags_starts_where_it_is(lockstep: Served, law: Callable) ->
 
 def test_an_elbow_that_begins_where_it_is_measured(lockstep: Served) -> None:
     with RawClient(lockstep.left) as raw:
-        raw.connect()
-        assert raw.move(0, 2) == 1
-        first = state = moving_state(raw)
+        first = state = raw.begin(0, 2)
         for tick in range(500):
             elbow = np.array(first["elbow"], dtype=float) + (0.02 * there_and_back(tick / 500.0), 0.0)
             raw.command(state, O_T_EE_c=first["O_T_EE"], elbow_c=elbow, valid_elbow=1)
@@ -82,9 +77,7 @@ def test_an_elbow_that_begins_where_it_is_measured(lockstep: Served) -> None:
 def test_a_first_command_beside_the_arm_is_a_step(lockstep: Served, generator: str, desired: bool) -> None:
     """Beside where it is measured, and beside where it is held."""
     with RawClient(lockstep.left) as raw:
-        raw.connect()
-        assert raw.move(0, 0 if generator == "joint" else 2) == 1
-        state = moving_state(raw)
+        state = raw.begin(0, 0 if generator == "joint" else 2)
         if generator == "joint":
             q = np.array(state["q_d" if desired else "q"], dtype=float)
             q[4] += STEP
@@ -95,7 +88,6 @@ def test_a_first_command_beside_the_arm_is_a_step(lockstep: Served, generator: s
             raw.command(state, O_T_EE_c=pose)
         assert raw.answer()[0] == Command.MOVE
         state = raw.state()
-        errors = {name for name, flag in zip(ROBOT_ERRORS, state["reflex_reason"], strict=True) if flag}
-        prefix = "joint" if generator == "joint" else "cartesian"
-        assert f"{prefix}_motion_generator_velocity_discontinuity" in errors
+        errors = errors_of(state, "reflex_reason")
+        assert f"{generator}_motion_generator_velocity_discontinuity" in errors
         assert not any("start_pose_invalid" in name for name in errors)

@@ -23,7 +23,6 @@ from tests.support.fci.server import addresses
 
 US = 1_000
 TORQUE_CONTROL = (2, 4, *(10.0, 3.12, 6.29) * 2, 0, *(0.0,) * 7)  # anywhere
-NEVER = float("inf")
 COMMUNICATION = "communication_constraints_violation"
 
 

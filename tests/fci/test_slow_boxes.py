@@ -66,12 +66,7 @@ def test_without_the_hold_the_other_arm_stops_by_itself() -> None:
 def test_a_box_that_recovers_says_so_and_takes_its_time() -> None:
     """In lockstep the states go on at 1 kHz meanwhile, and the box counts them."""
     with serve("--lockstep", "--profile", "honest") as served, RawClient(served.left) as raw:
-        raw.connect()
-        assert raw.move() == 1
-        state = raw.state()
-        while state["robot_mode"] != RobotMode.MOVE:
-            state = raw.state()
-        raw.command(state)
+        raw.command(raw.begin())
         state = raw.state()
         raw.command(state, tau_J_d=np.full(7, 40.0))
         while state["robot_mode"] != RobotMode.REFLEX:

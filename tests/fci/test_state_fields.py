@@ -34,9 +34,7 @@ def there_and_back(tick: int) -> float:
 def run(raw: RawClient, kind: tuple[int, int], law: Callable[[int, np.void, np.void], dict], ticks: int) -> np.ndarray:
     """Move with `law(tick, first state, state)` until a reflex or the end; the states."""
     assert raw.move(*kind) == MoveStatus.MOTION_STARTED
-    states = [raw.state()]
-    while states[0]["robot_mode"] != MOVE:  # sent before the robot took the request
-        states = [raw.state()]
+    states = [raw.moving_state()]
     for tick in range(ticks):
         raw.command(states[-1], **law(tick, states[0], states[-1]))
         states.append(raw.state())

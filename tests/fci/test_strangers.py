@@ -83,10 +83,7 @@ def test_a_second_pylibfranka_is_told_and_does_not_wait(lockstep: Served) -> Non
 
 def test_datagrams_that_are_no_commands_are_dropped(lockstep: Served) -> None:
     with RawClient(lockstep.left) as raw, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        raw.connect()
-        raw.move()
-        while raw.state()["robot_mode"] != franka.RobotMode.Move.value:
-            continue  # states from before Move
+        raw.begin()
         for tick in range(50):
             state = raw.state()
             assert state["robot_mode"] == franka.RobotMode.Move.value

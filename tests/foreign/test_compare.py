@@ -1,4 +1,4 @@
-"""What `make compare` says where another author's robot cannot be had."""
+"""What the program `compare` says where another author's robot cannot be had."""
 
 import os
 import subprocess

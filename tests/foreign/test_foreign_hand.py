@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rtstack.cli.check import link_findings
+from rtstack.cli.link import link_findings
 from rtstack.model.cell_description import CellDescription
 from tests.support.foreign_robot import addresses, served
 

@@ -14,10 +14,9 @@ from hal.errors import HardwareError
 from hal.fci import FciArm
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.check.finding import Finding
-from rtstack.cli.check import link_findings
+from rtstack.cli.link import link_findings
 from rtstack.log.reader import Log, read_log
-from rtstack.loop.mailbox import Mailbox, remove_mailbox
-from rtstack.loop.target import TARGET
+from rtstack.loop.mailbox import TARGET, Mailbox, remove_mailbox
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.model.rotation import quaternion_from_rotation

@@ -19,7 +19,7 @@ from tests.support.foreign_robot import environment
 from tests.support.log.samples import TRIAL, write_log
 from tests.support.log.seen import write_seen_log
 
-PROGRAM = Path(__file__).parents[1] / "programs" / "lerobot_frames.py"
+PROGRAM = Path(__file__).parents[1] / "support" / "lerobot_frames.py"
 STEP = 20  # ticks of a frame at 50 Hz
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(3600)]

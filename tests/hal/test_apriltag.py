@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from hal.apriltag import AprilTagTracker, detector
+from hal.base.configuration import ConfigurationError
 from hal.clock_relation import ClockRelation
-from hal.configuration import ConfigurationError
 from hal.tracker import TrackerFrames, TrackerRequest, TrackerTimes
+from hal.trackers.apriltag import AprilTagTracker, detector
 from rtstack.cells import default_cell_file
 from rtstack.model.cell_description import load_cell_description
 from rtstack.model.rotation import rotation_from_quaternion

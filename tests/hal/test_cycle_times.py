@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from hal.fci.cycle_times import LATE_NS, CycleTimes, stamp_arrivals
-from hal.fci.datagram import DATAGRAM
+from hal.fci.cycle_times import LATE_NS, CycleTimes
+from hal.fci.peeked_state import DATAGRAM, PeekedState, stamp_arrivals
 from hal.host_work import EVERY, HostWork
 from hal.state import ARM_STATE, ArmState, RobotMode
 from sim_robot.fci.protocol import ROBOT_STATE
@@ -37,12 +37,13 @@ def send(robot: socket.socket, number: int) -> tuple[int, int]:
 
 def test_a_state_that_waited_in_the_socket_has_the_kernels_time(wire):
     robot, ours = wire
-    cycles = CycleTimes()
+    peeked = PeekedState()
+    cycles = CycleTimes(peeked)
     for number in (7, 8):  # a socket's first stamp may be that of the first look
         before, after = send(robot, number)
         time.sleep(2e-3)
         slept = time.monotonic_ns()
-        cycles.look(ours.fileno())
+        peeked.look(ours.fileno())
         looked = time.monotonic_ns()
         assert ours.recv(2000)[0] == number  # nothing was taken out
         cycles.read()
@@ -62,13 +63,13 @@ def test_a_state_is_taken_from_its_datagram(wire):
     for place, name in enumerate(ROBOT_STATE.names or ()):
         told[name] = np.arange(told[name].size).reshape(told[name].shape) + place
     told["message_id"], told["robot_mode"], told["errors"] = 4711, RobotMode.MOVE, 0
-    cycles = CycleTimes(taken)
+    peeked = PeekedState(taken)
     robot.send(told.tobytes())
     select.select([ours], [], [], 60.0)
-    cycles.look(ours.fileno())
-    assert cycles.state(4712) == -1  # libfranka has read a newer one
+    peeked.look(ours.fileno())
+    assert peeked.take(4712) == -1  # libfranka has read a newer one
     assert taken.record.tobytes() == ArmState.empty().record.tobytes()
-    assert cycles.state(4711) == RobotMode.MOVE
+    assert peeked.take(4711) == RobotMode.MOVE
     record = taken.record[0]
     assert (record["t_ns"], record["robot_mode"], record["current_errors"]) == (4711 * TICK_NS, RobotMode.MOVE, 0)
     for name in set(ARM_STATE.names or ()) - {"t_ns", "robot_mode", "current_errors", "O_T_EE"}:
@@ -77,8 +78,8 @@ def test_a_state_is_taken_from_its_datagram(wire):
     told["errors"][7] = 1
     robot.send(told.tobytes())
     ours.recv(2000)
-    cycles.look(ours.fileno())
-    assert cycles.state(4711) == -1  # libfranka names the errors
+    peeked.look(ours.fileno())
+    assert peeked.take(4711) == -1  # libfranka names the errors
 
 
 def test_the_layout_is_that_of_the_wire():
@@ -92,11 +93,12 @@ def test_the_layout_is_that_of_the_wire():
 
 def test_of_several_states_the_oldest_counts(wire):
     robot, ours = wire
-    cycles = CycleTimes()
+    peeked = PeekedState()
+    cycles = CycleTimes(peeked)
     before, _ = send(robot, 100)
     for number in (101, 102, 103):
         send(robot, number)
-    cycles.look(ours.fileno())
+    peeked.look(ours.fileno())
     for _ in range(4):
         ours.recv(2000)
     cycles.read()
@@ -107,10 +109,11 @@ def test_of_several_states_the_oldest_counts(wire):
 
 def test_a_gap_in_the_robots_time_is_late_though_its_answer_is_quick(wire):
     robot, ours = wire
-    cycles, late = CycleTimes(), []
+    peeked, late = PeekedState(), []
+    cycles = CycleTimes(peeked)
     for number in (5, 6, 9):
         send(robot, number)
-        cycles.look(ours.fileno())
+        peeked.look(ours.fileno())
         ours.recv(2000)
         cycles.answer(number * TICK_NS)
         late.append(cycles.late)

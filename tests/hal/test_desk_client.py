@@ -7,10 +7,9 @@ import shutil
 import pytest
 
 from hal.desk import DeskError, NotTrusted, SignIn, Trust
-from hal.desk.client import Desk
+from hal.desk.client import Desk, fingerprint
 from hal.desk.power import start, stop
 from hal.desk.state import state_of
-from hal.desk.trust import fingerprint
 from tests.support.desk import desk_address, desk_of
 from tests.support.fci.server import serve
 

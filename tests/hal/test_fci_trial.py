@@ -13,12 +13,12 @@ from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.samples import SIDES
-from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
+from tests.support.runs import demonstrate
 
 # the heaviest object has the largest forces that an ordinary grab has: 135 N (left) and 115 N (right) at the impact
 LEAST_PEAK_N = 100.0
@@ -88,12 +88,7 @@ def test_a_grab_trips_nothing_with_the_robots_own_thresholds(
     """Nobody says SetCollisionBehavior: what sim_robot/fci/settings.py has must live with an ordinary impact."""
     monkeypatch.setattr("hal.fci.arm.configure", lambda robot, tool, collisions: None)
     path, specification = tmp_path / "grab.mcap", DemonstrationSpecification(object="box_220")
-    opened = open_cell("lockstep", specification.object, 0.0, specification.seed)
-    try:
-        log = open_log(path, specification, cell, "lockstep", default_cell_file())
-        result = run_demonstration(specification, cell, opened, RunContext(log))
-    finally:
-        opened.close()
+    result = demonstrate(path, cell, specification, kind="lockstep")
     assert result.success, result.failure_reason
     log = read_log(path)
     for side in SIDES:

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from hal.files import locked, replacing, write_whole
+from hal.base.files import locked, replacing, write_whole
 
 
 def test_a_file_is_replaced_whole_or_stays_as_it_was(tmp_path):
@@ -45,7 +45,7 @@ def test_a_reader_sees_one_of_the_states_that_were_written(tmp_path):
 
 HOLD = """
 import sys, pathlib
-from hal.files import locked
+from hal.base.files import locked
 with locked(pathlib.Path(sys.argv[1])):
     print(1, flush=True)
     input()

@@ -90,6 +90,15 @@ below({argument})
 """
 
 
+def test_a_module_that_is_gone_is_not_looked_for(outside: Outside, tmp_path: Path) -> None:
+    """Kept machine code names the modules of what it calls."""
+    assert outside.run() == ["22.5", "1"]
+    outside.write(under=FILES["below.py"], inner=FILES["inner.py"].replace("outside.below", "outside.under"))
+    (tmp_path / "outside" / "below.py").unlink()
+    assert outside.run() == ["22.5", "1"]
+    assert outside.run() == ["22.5", "0"]
+
+
 @pytest.mark.long
 def test_two_processes_that_compile_at_once_keep_what_is_each_ones(outside: Outside) -> None:
     """Neither takes the other's number: each waits until the other one has written."""

@@ -10,11 +10,11 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
+from hal.base.realtime import PRIORITY, beside_realtime, realtime_thread, scheduling
 from hal.fci.sockets import open_sockets
-from hal.realtime import PRIORITY, beside_realtime, realtime_thread, scheduling
 
 ASK = (
-    "from hal.realtime import beside_realtime, obtainable, scheduling",
+    "from hal.base.realtime import beside_realtime, obtainable, scheduling",
     "beside_realtime(); print(*scheduling()); print(obtainable().scheduler)",
 )
 

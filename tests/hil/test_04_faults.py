@@ -1,6 +1,6 @@
 """04 faults: whoever controls dies in the middle, and the robot stops by itself, says why, and is led out of it.
 
-Faults that need a script are of the simulated cell alone (`make faults`). On metal there is one more, for a person:
+Faults that need a script are of the simulated cell alone (`fault_matrix`). On metal there is one more, for a person:
 press the user stop while 02 is running; the run has to end with a line that names it.
 """
 

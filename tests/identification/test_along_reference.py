@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rtstack.identification.along import WINDOW, average, residual
 from rtstack.papers.impact_maps.feedback import AFTER_S
+from rtstack.papers.impact_maps.reference import WINDOW, average, residual
 from rtstack.planning import PushPlan, plan_grab, plan_push
 from rtstack.planning.free import PlanPhase, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers, default_parameters
@@ -37,7 +37,7 @@ def run_free(free, cell, parameters, force):
     """Run a free motion on arms without scatter, a constant force on the left pad, nothing in the way."""
     scene, plant_parameters = load_scene(), load_plant_parameters().nominal()
     plant = Plant.nominal(scene, plant_parameters, "box_130")
-    plant.apply_pad_force(0, force)
+    plant.push(0, force)
     simulated = SimulatedCell(plant, scene, plant_parameters, 0, empty=True).as_cell("direct")
     try:
         reason, columns = run_motion(free.plan, cell, parameters, simulated)

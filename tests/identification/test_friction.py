@@ -5,18 +5,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.friction import identify_friction
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification.fit import JointSamples, fit_joint, sigmoid
-from rtstack.identification.procedure import Identification, SweepRun, lowest_object
+from rtstack.identification.procedure import Identification, lowest_object
+from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml, load_friction
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import NO_CONTEXT
 from rtstack.trials.specification import SweepSpecification
 from sim_robot.cell import SimulatedArm
+from tests.support.one_arm import one_arm_file
 
 SPEEDS = np.linspace(-1.2, 1.2, 241)  # rad/s: what grabs and pushes use
 
@@ -47,18 +50,23 @@ def test_the_fit_tells_friction_from_gravity_and_inertia(p1, p2, p3, share, iner
     assert found.rms_nm == pytest.approx(0.02, rel=0.1)
 
 
-def test_one_joint_of_the_simulated_robot_is_found_within_two_per_cent(cell):
+@pytest.mark.parametrize("sides", [("left", "right"), ("right",)])
+def test_one_joint_of_the_simulated_robot_is_found_within_two_per_cent(tmp_path, sides):
     """Joint 4, which has most friction: what is left is far below what the seed has scattered it by."""
+    file = default_cell_file() if len(sides) == 2 else one_arm_file(tmp_path, sides[0])
+    cell = load_cell_description(file)
     identification, thing = Identification(cell), lowest_object(cell)
-    simulated = open_cell("direct", thing, 0.0, 0, noise_seed=7)
+    simulated = open_cell("direct", thing, 0.0, 0, cell, noise_seed=7, cell_file=file)
     try:
-        run = SweepRun(SweepSpecification(thing, 4, 0, 0))
-        assert identification.run(run, simulated) is None
-        assert isinstance(simulated.left, SimulatedArm)
-        plant = simulated.left._cell.plant.joints.copy()
+        run = SweepSpecification(thing, 4, 0, 0)
+        result = identification.prepared(run).run(simulated, NO_CONTEXT, None)
+        assert result.success
+        identification.take(4, result.columns)
+        assert isinstance(simulated.arms[0], SimulatedArm)
+        plant = simulated.arms[0]._cell.plant.joints.copy()
     finally:
         simulated.close()
-    for side, found in enumerate(identification.friction(4)):
+    for side, found in zip(range(len(sides)), identification.friction(4), strict=True):
         p1, p2, p3, factor = (
             float(plant[side][name][3]) for name in ("friction_p1", "friction_p2", "friction_p3", "gravity_factor")
         )
@@ -93,7 +101,7 @@ def test_what_cannot_be_written_is_refused_before_an_arm_moves(tmp_path):
         (tmp_path / "no_such_folder" / "friction.toml", "does not exist"),
     ):
         with pytest.raises(TrialError, match=said):
-            identify_friction(path, "direct", 0, None, 1)
+            identify_friction(path)
     assert sorted(tmp_path.iterdir()) == [taken]
 
 
@@ -105,4 +113,4 @@ def test_logs_of_another_robot_are_not_taken(cell, tmp_path):
     log.wait_ready()
     assert log.close({"success": True}) is None
     with pytest.raises(TrialError, match="something else"):
-        identification.take_log(SweepRun(SweepSpecification(thing, 6, 0, seed=0)), path)
+        identification.take_log(SweepSpecification(thing, 6, 0, seed=0), path)

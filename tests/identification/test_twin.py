@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError, read_toml, toml_text
+from hal.base.configuration import ConfigurationError, read_toml, toml_text
 from hal.cycle import CYCLE
 from rtstack.cells import load_description
 from rtstack.identification import arm as identification
@@ -41,7 +41,7 @@ def plant_of(twin: Twin) -> Plant:
 def excited(twin: Twin, run: int):
     """Run the motion of all joints on an arm; return the samples of the left arm."""
     description, _ = load_description(None)
-    plant, parameters = plant_of(twin), uncompensated()
+    plant, parameters = plant_of(twin), uncompensated(description)
     cell = SimulatedCell(plant, load_scene(), load_plant_parameters(), run)
     arms = arm_controllers(description, parameters)
     reason, columns = run_motion(

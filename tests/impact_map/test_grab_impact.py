@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rtstack.control.records import POINT
-from rtstack.impact_map import Contact, SceneError, Status, impact_map, problem_of
+from rtstack.impact_map import Contact, MapKind, SceneError, Status, impact_map, problem_of
 from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.grab import grab_impact, grab_scene, joint_state
+from rtstack.planning import GrabPlan, plan_grab
 from tests.support.impact_map.scenes import LEFT_Q, MIRROR
 
 MASS = 1.25
@@ -82,6 +83,24 @@ def test_a_symmetric_grab_ends_with_the_box_between_the_pads_and_on_its_way_up(c
         assert 0.1 < twist[2] < 0.25
     np.testing.assert_array_equal(planned.dxi, planned.dq_after[:, 0])
     np.testing.assert_allclose(planned.map.twist("object")[1], planned.twist[:, 1].mean(), atol=1e-3)
+
+
+def test_the_papers_single_step_is_a_map_of_its_own(cell):
+    """Its pads turn apart from the object, which a plan with it does not follow: it keeps their orientation."""
+    planned = grab_impact(cell, "rice_box", ante(cell), 0.9, 0.4, kind=MapKind.SINGLE_STEP)
+    for side, twist, dq in zip(("left", "right"), planned.twist, planned.dq_after, strict=True):
+        np.testing.assert_array_equal(twist, planned.map.twist(side, planned.map.single_step))
+        np.testing.assert_array_equal(dq, planned.map.velocity(side, planned.map.single_step))
+        assert np.abs(twist[3:] - planned.map.twist("object", planned.map.single_step)[3:]).max() > 0.1
+    request = GrabPlan(speed=0.3, rise=0.25, height=0.03)
+    ours, papers = (plan_grab(cell, "rice_box", replace(request, map=kind)) for kind in reversed(MapKind))
+    k = ours.recording.impact
+    for arm, side in enumerate(("left", "right")):
+        for planned, impact in ((ours, ours.map.converged), (papers, papers.map.single_step)):
+            np.testing.assert_allclose(planned.velocities[arm], planned.map.twist(side, impact)[:3], atol=1e-12)
+        assert np.ptp(papers.recording.points[arm]["rotation"][k:], axis=0).max() < 1e-12
+        assert np.ptp(ours.recording.points[arm]["rotation"][k:], axis=0).max() > 1e-3
+    assert (ours.as_dict()["parameters"]["map"], papers.as_dict()["parameters"]["map"]) == ("converged", "single_step")
 
 
 def test_a_pose_out_of_reach_or_away_from_the_object_is_one_line(cell):

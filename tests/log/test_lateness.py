@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hal.cycle import CYCLE, WORK
-from rtstack.log.lateness import Blame, HostCause, Lateness, lateness
+from rtstack.log.analysis.lateness import Blame, HostCause, Lateness, lateness
 
 MS = 1000.0  # us
 HOST_CLOCK_US = 5e9  # what it shows when the robot shows 0

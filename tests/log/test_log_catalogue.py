@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from rtstack.log.catalogue import CACHE, Catalogue, LogCondition
 from rtstack.log.errors import LogError
+from rtstack.log_folder.catalogue import CACHE, Catalogue, LogCondition
 from tests.support.log.samples import RESULT, TRIAL, WrittenLog
 
 
@@ -57,7 +57,7 @@ def test_a_second_look_reads_no_file(directory: Path, monkeypatch: pytest.Monkey
     def fail(path: Path) -> None:
         raise AssertionError(f"{path} was read again")
 
-    monkeypatch.setattr("rtstack.log.catalogue._read", fail)
+    monkeypatch.setattr("rtstack.log_folder.catalogue._read", fail)
     assert Catalogue(directory).entries() == before
 
 

@@ -11,7 +11,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from rtstack.log.container import LARGEST_CHUNK, MAGIC, chunk_data, tail_chunk
+from rtstack.log.file.container import LARGEST_CHUNK, MAGIC, chunk_data, tail_chunk
 
 BLOCK = bytes(1 << 20)
 BOMB_BLOCKS = 1024  # 1 GiB

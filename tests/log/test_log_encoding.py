@@ -11,11 +11,10 @@ from hypothesis.extra import numpy as hnp
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from hal.record import Field
+from hal.base.record import Field
 from hal.robot_errors import error_names
-from rtstack.log.decoding import TopicDecoder, message_class
-from rtstack.log.encoding import WireField, WireFormat, varint, wire_format
-from rtstack.log.schema import sample_descriptors, sample_file
+from rtstack.log.file.decoding import TopicDecoder, message_class
+from rtstack.log.writing.encoding import WireField, WireFormat, sample_descriptors, sample_file, varint, wire_format
 from rtstack.topics import MESSAGES, TOPICS
 
 TOPIC_OF = {topic.message.name: name for name, topic in TOPICS.items()}

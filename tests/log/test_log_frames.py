@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from hal.robots import FR3
-from rtstack.log.frames import quaternions_of
+from rtstack.log.viewers.frames import quaternions_of
 from rtstack.samples import SIDES
 from tests.support.log.samples import MS, WrittenLog
 

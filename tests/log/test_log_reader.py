@@ -14,9 +14,9 @@ from mcap_protobuf.decoder import DecoderFactory
 from hal.robot_errors import error_names
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
-from rtstack.log.scenery import scenery_schemas
-from rtstack.log.schema import sample_descriptors
-from rtstack.log.voxels import VOXELS
+from rtstack.log.viewers.scenery import scenery_schemas
+from rtstack.log.viewers.voxels import VOXELS
+from rtstack.log.writing.encoding import sample_descriptors
 from rtstack.topics import TOPICS
 from tests.support.log.samples import MS, WrittenLog
 
@@ -90,7 +90,7 @@ def test_what_is_no_log_of_ours_is_named(tmp_path: Path, written: WrittenLog) ->
         channel = writer.register_channel("/chatter", "json", writer.register_schema("x", "jsonschema", b"{}"))
         writer.add_message(channel, 1, b"{}", 1)
         writer.finish()
-    with pytest.raises(LogError, match="not a log of ours: topic /left/arm is missing"):
+    with pytest.raises(LogError, match="not a log of ours: topic /left/arm or /right/arm is missing"):
         read_log(foreign)
     with pytest.raises(LogError, match="/chatter is not a topic"):
         read_log(written.path).topic("/chatter")
@@ -132,7 +132,7 @@ def test_a_log_of_another_version_is_read_by_field_names(tmp_path: Path) -> None
     from google.protobuf import descriptor_pb2
     from mcap.records import Schema
 
-    from rtstack.log.decoding import message_class
+    from rtstack.log.file.decoding import message_class
 
     files = descriptor_pb2.FileDescriptorSet.FromString(sample_descriptors())
     fields = next(m for m in files.file[0].message_type if m.name == "ArmSample").field

@@ -11,11 +11,11 @@ from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 
-from rtstack.log.container import RECORD_HEADER, is_complete, scan
 from rtstack.log.errors import LogError
+from rtstack.log.file.container import RECORD_HEADER, is_complete, scan
+from rtstack.log.file.recover import recover
 from rtstack.log.reader import read_log
-from rtstack.log.recover import recover
-from rtstack.log.scenery import scenery_schemas
+from rtstack.log.viewers.scenery import scenery_schemas
 from rtstack.topics import TOPICS
 from tests.support.log.samples import TICKS, TRIAL, WrittenLog
 from tests.support.sampling import sampled

@@ -17,9 +17,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from rtstack.log.cell_urdf import cell_urdf, shapes_of
 from rtstack.log.reader import read_log
-from rtstack.log.voxels import VOXELS
+from rtstack.log.viewers.cell_urdf import cell_urdf, shapes_of
+from rtstack.log.viewers.voxels import VOXELS
 from rtstack.samples import SIDES
 from tests.support.log.samples import MS, WrittenLog
 

@@ -15,12 +15,12 @@ from foxglove.channel import _channels_by_id
 from mcap.reader import make_reader
 
 from rtstack.log.errors import LogError
-from rtstack.log.mcap_writer import McapWriter
+from rtstack.log.file.recover import recover
 from rtstack.log.reader import read_log
-from rtstack.log.recover import recover
 from rtstack.log.ring import CAPACITY, LogState, Rings
-from rtstack.log.scenery import scenery_schemas
+from rtstack.log.viewers.scenery import scenery_schemas
 from rtstack.log.writer import LogProcess, check_log_path
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.topics import TOPICS
 from tests.support.log.samples import CELL, MS, RESULT, TRIAL, WrittenLog, push_all, random_records
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 DECLARED = """
-from hal.record import WRENCH, Field
+from hal.base.record import WRENCH, Field
 from hal.topic import Message, Topic
 
 SAMPLE = Message(
@@ -33,7 +33,7 @@ import numpy as np
 
 from console.review.conversion import convert
 from console.review.series import Tabled, csv_lines
-from rtstack.log.signals import signals
+from rtstack.log.analysis.signals import signals
 from docs.generate.log_topics import log_messages, topic_table
 from rtstack.cells import default_cell_file, load_description
 from rtstack.log.reader import read_log

@@ -24,9 +24,9 @@ def test_the_second_clock_is_moved_onto_the_first_ones_time_line(timing):
     time = Timeline(timing, own_clocks=True)
     boot = 86_400_000 * TICK_NS  # the right box has been on for a day
     assert take(time, 0, 5 * TICK_NS) == 5 * TICK_NS
-    assert not time.both_begun
+    assert not time.all_begun
     assert take(time, 1, boot) == 5 * TICK_NS
-    assert time.both_begun
+    assert time.all_begun
     for k in range(1, 100):
         take(time, 0, (5 + k) * TICK_NS)
         assert take(time, 1, boot + k * TICK_NS) == (5 + k) * TICK_NS

@@ -86,7 +86,7 @@ class Stage:
     def __init__(self, monkeypatch, prepared) -> None:
         self._prepared = prepared
         self.verdicts: list[list[Judgement]] = [[], []]
-        make_controller, make_judges = rtstack.trials.run.dual_arm_controller, rtstack.trials.run.safety_judges
+        make_controller, make_judges = rtstack.trials.run.cell_controller, rtstack.trials.run.safety_judges
 
         def controller(*arguments):
             self.controller = make_controller(*arguments)
@@ -98,7 +98,7 @@ class Stage:
                 judge.judge = _recording(judge.judge, verdicts)
             return made
 
-        monkeypatch.setattr(rtstack.trials.run, "dual_arm_controller", controller)
+        monkeypatch.setattr(rtstack.trials.run, "cell_controller", controller)
         monkeypatch.setattr(rtstack.trials.run, "safety_judges", judges)
         monkeypatch.setattr(rtstack.trials.run, "realtime_thread", nullcontext)
 
@@ -155,7 +155,7 @@ def test_an_exception_of_the_controller_stops_without_it(stage, method):
         raise ZeroDivisionError("a defect")
 
     def spoil():
-        setattr(stage.controller if method in ("decide", "finish") else stage.controller.right, method, broken)
+        setattr(stage.controller if method in ("decide", "finish") else stage.controller.arms[1], method, broken)
 
     played = stage.play(_at(spoil))
     seen = played.stops("^an exception in the control loop: ZeroDivisionError: a defect$")
@@ -171,7 +171,7 @@ def test_a_qp_without_an_answer_stops(stage, status):
             return status, 7
 
     def spoil():
-        arm = stage.controller.left
+        arm = stage.controller.arms[0]
         arm.program = Program()
         arm.limits["tau_J_max"] = 1e-3  # no free solution
 
@@ -180,14 +180,14 @@ def test_a_qp_without_an_answer_stops(stage, status):
 
 def test_a_torque_that_is_no_number_stops(stage):
     def spoil():
-        command = stage.controller.left.command
+        command = stage.controller.arms[0].command
 
         def broken(mode):
             status = command(mode)
-            stage.controller.left.sample["tau_desired"][0, 3] = np.nan
+            stage.controller.arms[0].sample["tau_desired"][0, 3] = np.nan
             return status
 
-        stage.controller.left.command = broken
+        stage.controller.arms[0].command = broken
 
     assert stage.play(_at(spoil)).stops("^safety stop: left: a value of the state or the desired torque is not") == AT
 
@@ -256,13 +256,13 @@ def test_ticks_that_take_longer_than_a_period_stop_without_the_controller(stage)
     calls = []
 
     def spoil():
-        observe = stage.controller.left.observe
+        observe = stage.controller.arms[0].observe
 
         def slow():
             calls.append(time.sleep(2e-3))  # the fault itself
             observe()
 
-        stage.controller.left.observe = slow
+        stage.controller.arms[0].observe = slow
 
     played = stage.play(_at(spoil), change=lambda cell: replace(cell, own_clocks=True))
     played.stops(rf"^the tick takes longer than its period: {OVERRUN_TICKS} ticks in a row")
@@ -386,10 +386,12 @@ class Echo:
 
 
 def test_an_arm_whose_first_torques_do_not_come_back_ends_the_other_ones_motion():
-    silent = FirstTorque(Echo(seen=False, lost=FIRST_TORQUE_TICKS), Echo(seen=True, lost=0)).trip()
+    silent = FirstTorque({"left": Echo(seen=False, lost=FIRST_TORQUE_TICKS), "right": Echo(seen=True, lost=0)}).trip()
     assert silent is not None
     assert (silent.end, silent.side, silent.end.is_fault) == (End.TORQUE_NOT_TAKEN, "left", True)
     lost = FIRST_TORQUE_TICKS
     for left, right in ((False, False), (True, True)):  # nothing moves; late answers are the robot's to count
-        assert FirstTorque(Echo(left, lost), Echo(right, lost)).trip() is None
-    assert FirstTorque(Echo(seen=True, lost=0), Echo(seen=False, lost=lost - 1)).trip() is None
+        assert FirstTorque({"left": Echo(left, lost), "right": Echo(right, lost)}).trip() is None
+    early = {"left": Echo(seen=True, lost=0), "right": Echo(seen=False, lost=lost - 1)}
+    assert FirstTorque(early).trip() is None
+    assert FirstTorque({"right": Echo(seen=False, lost=lost)}).trip() is None  # there is no other arm

@@ -1,7 +1,7 @@
 """A robot and a control PC in two network namespaces, joined by a cable that is as bad as a row says.
 
-`make link-table` runs all rows. Here are two whose end does not depend on how busy the machine is; to the robot an
-answer that comes too late is one that is lost.
+The program `link_table` runs all rows. Here are two whose end does not depend on how busy the machine is; to the
+robot an answer that comes too late is one that is lost.
 """
 
 import json
@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.programs.link_table import CLEAN, NOT_PERMITTED, ROWS, VENDOR, Outcome
+from tests.programs import NOT_PERMITTED
+from tests.programs.link_table import CLEAN, ROWS, VENDOR, Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
 LOST, CUT = "answers are lost from the middle on", "both ways are cut"
@@ -21,18 +22,9 @@ LOST, CUT = "answers are lost from the middle on", "both ways are cut"
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_past_what_the_link_stands_it_ends_with_the_vendors_name_and_arms_at_rest(demonstration) -> None:
-    numbers = [str(k) for k, row in enumerate(ROWS) if row.name in (LOST, CUT)]
-    command = [
-        sys.executable,
-        "-m",
-        "tests.programs.link_table",
-        "--rows",
-        *numbers,
-        "--reference",
-        demonstration.path,
-        "--json",
-    ]
-    done = subprocess.run([*command, "--rows", *numbers], capture_output=True, text=True, cwd=ROOT)
+    rows = [f"--rows={k}" for k, row in enumerate(ROWS) if row.name in (LOST, CUT)]
+    command = [sys.executable, "-m", "tests.programs.link_table", "--reference", demonstration.path, "--json", *rows]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     if done.returncode == NOT_PERMITTED:
         pytest.skip(f"metal: a machine that permits network namespaces; here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stderr

@@ -72,8 +72,7 @@ def test_an_impact_is_harder_on_a_harder_object_and_at_a_higher_speed(cell):
 
 
 @pytest.mark.parametrize(
-    ("name", "speed", "rise"),
-    [("box_130", 0.5, 0.25), pytest.param("parcel", 0.4, 0.2, marks=pytest.mark.long)],
+    ("name", "speed", "rise"), [("box_130", 0.5, 0.25), pytest.param("parcel", 0.4, 0.2, marks=pytest.mark.long)]
 )
 def test_what_is_predicted_is_what_a_trial_measures(cell, tmp_path, name, speed, rise):
     planned = plan_grab(cell, name, GrabPlan(speed=speed, rise=rise, height=0.02))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rtstack.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file
 from rtstack.cli.plan_monitor import FIRST_SEED, SHIFTED_MM, plan_monitor
 from rtstack.planning import PlanError
 from rtstack.planning.file import write_plan
@@ -14,7 +14,8 @@ from rtstack.samples import Reaction
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import tuning_in
 from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.trial import prepare_trial
+from tests.support.runs import attempt
 
 GRAVITY = 9.81
 
@@ -69,11 +70,7 @@ def test_good_runs_are_expected_and_faults_are_told(cell, watched, tmp_path, scr
     faults.write_text(f"[[fault]]\n{script}\nat_s = 0.0\n" if script else "")
     prepared = prepare_trial(TrialSpecification(str(watched), displacement_mm=shift_mm, seed=3), cell)
     assert prepared.unwatched is None
-    opened = open_cell("direct", "rice_box", shift_mm * 1e-3, 3, cell, faults)
-    try:
-        result = run_trial(prepared, opened)
-    finally:
-        opened.close()
+    result = attempt(prepared, cell, faults=faults)
     assert (result.impact_verdict, result.impact_kind) == (verdict, kind)
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
-from rtstack.cells import default_cell_file, open_cell
+from hal.base.configuration import ConfigurationError
+from rtstack.cells import default_cell_file
 from rtstack.cli.app import app
 from rtstack.log.reader import read_log
 from rtstack.papers.reference_spreading.controllers import Controller
@@ -18,12 +18,11 @@ from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, default_parameters
 from rtstack.trials.errors import TrialError
-from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns, review_log
-from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import SuccessCriterion, score
 from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.trial import prepare_trial
+from tests.support.runs import attempt
 
 
 @pytest.fixture(scope="session")
@@ -101,16 +100,7 @@ def test_a_push_succeeds_where_the_object_goes_with_the_pad(cell, files, tmp_pat
 
 
 def _run(cell, path, thing, controller=Controller.PROPOSED, log=None):
-    specification = TrialSpecification(str(path), controller, thing, seed=3)
-    prepared = prepare_trial(specification, cell)
-    opened = None
-    if log is not None:
-        opened = open_log(log, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
-    simulated = open_cell("direct", thing, 0.0, 3)
-    try:
-        return run_trial(prepared, simulated, RunContext(opened))
-    finally:
-        simulated.close()
+    return attempt(TrialSpecification(str(path), controller, thing, seed=3), cell, log)
 
 
 def test_the_command_prints_one_object_and_writes_one_file(tmp_path, capsys):

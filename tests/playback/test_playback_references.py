@@ -7,20 +7,29 @@ import pinocchio as pin
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.interpolate import make_interp_spline
 
 from hal.robots import FR3
 from rtstack.control.records import POINT
 from rtstack.model.rotation import log_so3
-from rtstack.playback.limits import SPEED_STEP, check_playback, fastest, loads
-from rtstack.playback.motion import LoggedMotion
-from rtstack.playback.pace import FASTEST, RAMP_S, SLOWEST, brake, end_s, follow, pace
-from rtstack.playback.path import arm_path, write_point
+from rtstack.playback.path import (
+    RAMP_S,
+    LoggedMotion,
+    arm_path,
+    brake,
+    end_s,
+    follow,
+    pace,
+    write_point,
+)
+from rtstack.playback.run import SPEED_STEP, check_playback, fastest, loads
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, default_parameters
 from rtstack.trials.errors import TrialError
+from rtstack.trials.specification import FASTEST, SLOWEST, PlaybackSpecification
 from rtstack.trials.start_motion import posture
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 TICK_S = 1e-3
 GENERATE = (Phase.explicit, Phase.generate)  # an example takes long: a failing one is shown as it is found
@@ -132,7 +141,7 @@ def test_references_obey_the_chain_rule(arms, middle, seed, speed, stop_share):
 def test_the_quickest_that_is_allowed_is_within_the_limits(cell, arms, middle, seed, size, stop_share):
     motion = wandering(middle, seed, size)
     paths = arm_path(motion, 0, arms[0]), arm_path(motion, 1, arms[1])
-    limits = safety_limits(cell)
+    limits = limits_of_arms(cell)[0]
     for speed in np.geomspace(FASTEST, SLOWEST, 8):
         try:
             check_playback(paths, speed, (limits, limits), cell)
@@ -163,20 +172,20 @@ def test_the_quickest_that_is_allowed_is_within_the_limits(cell, arms, middle, s
 def test_a_speed_is_refused_for_the_reason_that_it_has(cell, arms, middle):
     motion = wandering(middle, 1, 0.02)
     path = arm_path(motion, 0, arms[0])
-    limits = safety_limits(cell)
+    limits = limits_of_arms(cell)[0]
     slow, quick = loads(path, 0.5, limits), loads(path, 1.0, limits)
     assert quick[0].share == pytest.approx(2.0 * slow[0].share, rel=0.2)  # the limit itself depends on the place
     assert quick[2].share == pytest.approx(8.0 * slow[2].share)  # jerk
     for speed in (0.09, 4.1, float("nan")):
-        with pytest.raises(TrialError, match=r"choose 0\.1 to 4 times"):
-            check_playback((path, path), speed, (limits, limits), cell)
+        with pytest.raises(ValidationError, match="speed"):
+            PlaybackSpecification("log.mcap", speed=speed)
 
 
 @pytest.mark.parametrize(("seed", "size"), [(1, 0.02), (2, 0.1)])
 def test_the_fastest_speed_is_allowed_and_the_next_one_is_not(cell, arms, middle, seed, size):
     motion = wandering(middle, seed, size)
     paths = tuple(arm_path(motion, side, arms[side]) for side in (0, 1))
-    limits = safety_limits(cell)
+    limits = limits_of_arms(cell)[0]
     speed = fastest(paths, (limits, limits), cell)
     check_playback(paths, speed, (limits, limits), cell)
     if speed < FASTEST:

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.cli.playback import play
-from rtstack.log.mcap_writer import McapWriter
+from rtstack.cli.trials import play
 from rtstack.log.reader import read_log
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET
-from rtstack.playback.finish import Finish
-from rtstack.playback.pace import RAMP_S
-from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
+from rtstack.log.writing.mcap_writer import McapWriter
+from rtstack.loop.mailbox import TARGET, Mailbox
+from rtstack.playback.path import RAMP_S
+from rtstack.playback.run import prepare_playback
+from rtstack.playback.source import Finish
 from rtstack.samples import Mode
 from rtstack.topics import TOPICS
 from rtstack.trials.errors import TrialError
@@ -58,15 +57,15 @@ def prepared(cell, demonstration):
 def played(cell, prepared, tmp_path):
     """Play the shared demonstration; return result and log."""
 
-    def run(speed=1.0, thing=NO_OBJECT, act=lambda ms: None, soft_stop=None, **around):
+    def run(speed=1.0, thing="", act=lambda ms: None, **around):
         path = tmp_path / "played.mcap"
         slowed = replace(prepared, specification=replace(prepared.specification, speed=speed))
         opened = open_cell("direct", thing, 0.0, 0, cell)
         try:
-            assert way_to_start(slowed, opened) is None
+            assert slowed.start_motion(opened) is None
             log = open_log(path, slowed.specification, cell, "direct", default_cell_file(), overwrite=True)
             context = RunContext(log, watchdogs=(Script(act),), **around)
-            result = run_playback(slowed, opened, context, soft_stop=soft_stop)
+            result = slowed.run(opened, context)
         finally:
             opened.close()
         return result, read_log(path)
@@ -175,12 +174,12 @@ def elsewhere(samples):
 def test_what_cannot_be_played_is_refused_with_the_reason_and_nothing_written(demonstration, tmp_path, change, reason):
     source = rewritten(demonstration.path, tmp_path / "changed.mcap", change)
     with pytest.raises(TrialError, match=reason) as refused:
-        play(source, 1.0, 0, tmp_path / "out.mcap", "direct", None, True)
+        play(source=source, log=tmp_path / "out.mcap")
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "out.mcap").exists()
 
 
 def test_a_speed_beyond_the_limits_is_refused_with_the_limit(demonstration, tmp_path):
     with pytest.raises(TrialError, match=r"joint \d would .* is allowed at speed 3: play it more slowly"):
-        play(demonstration.path, 3.0, 0, tmp_path / "out.mcap", "direct", None, True)
+        play(source=demonstration.path, speed=3.0, log=tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()

@@ -1,18 +1,23 @@
 """Logs of the loop, replayed through the present controller: the same bits, or the first that differs."""
 
+import json
 import os
+import re
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hal.base.configuration import read_toml, toml_text
 from rtstack.cells import default_cell_file, open_cell
+from rtstack.cli.replay import forces
 from rtstack.control.parameters import ControlParameters
 from rtstack.log.reader import read_log
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET
+from rtstack.loop.mailbox import TARGET, Mailbox
 from rtstack.playback import replay as module
-from rtstack.playback.replay import replay
+from rtstack.playback.replay import replay, replay_in_twin
 from rtstack.samples import Mode
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import Followed
@@ -21,20 +26,8 @@ from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.trial import prepare_trial, run_trial
-
-
-class StopAt:
-    """A stop after so many ticks; as a watchdog it counts them."""
-
-    def __init__(self, tick):
-        self.tick = tick
-
-    def trip(self):
-        self.tick -= 1
-
-    @property
-    def stop_requested(self):
-        return self.tick < 0
+from tests.support.recorded_run import FOLDER, KINDS, RENEW, replayed
+from tests.support.runs import StopAfter
 
 
 @pytest.fixture
@@ -46,11 +39,10 @@ def stopped_trial(cell, demonstration, tmp_path):
         asked = TrialSpecification(str(demonstration.path), controller, seed=3)
         prepared = prepare_trial(asked, cell)
         opened = open_cell(cell_kind, asked.object, 0.0, asked.seed)
-        stop = StopAt(400)
         try:
             log = open_log(path, asked, cell, "direct", default_cell_file(), reference=prepared.reference,
                            followed=Followed(demonstration.path))  # fmt: skip
-            run_trial(prepared, opened, RunContext(log, stop=stop, watchdogs=(stop,)))
+            run_trial(prepared, opened, RunContext(log, stop=StopAfter(400)))
         finally:
             opened.close()
         return path
@@ -100,14 +92,14 @@ def test_another_law_is_named_by_its_first_tick_field_and_value(stopped_trial, m
 
 def test_arms_led_by_hand_replay_to_the_rounding_of_their_logged_setpoints(cell, tmp_path):
     mailbox = Mailbox.create(f"rtstack-test-replay-{os.getpid()}")
-    path, stop = tmp_path / "hand.mcap", StopAt(300)
+    path = tmp_path / "hand.mcap"
     specification = TeleoperationSpecification("anna", job=1)
     opened = open_cell("direct", "rice_box", 0.0, 0)
     try:
         log = open_log(path, specification, cell, "direct", default_cell_file())
         target = np.zeros(1, TARGET)
         mailbox.write_target(target)
-        run_teleoperation(specification, cell, opened, mailbox, RunContext(log, stop=stop, watchdogs=(stop,)))
+        run_teleoperation(specification, cell, opened, mailbox, RunContext(log, stop=StopAfter(300)))
     finally:
         opened.close()
         mailbox.close()
@@ -123,3 +115,49 @@ def test_a_log_of_something_else_is_refused(tmp_path, cell):
     open_log(path, SweepSpecification("rice_box", 1, 0), cell, "direct", default_cell_file()).close({})
     with pytest.raises(TrialError, match="its kind is identification"):
         replay(path)
+
+
+PROFILES = Path(str(files("sim_robot"))) / "parameters/profiles"
+
+
+def test_a_twin_that_is_the_robot_gives_the_logs_contact_force(demonstration):
+    made = replay_in_twin(demonstration.path, "ideal")
+    assert abs(made.replayed_ticks - made.ticks) < 50  # a script waits for its impact
+    for arm in made.arms:
+        assert arm.ticks > 1000
+        assert abs(arm.off) < 0.05
+        assert arm.path_mm < 5.0
+    told = "\n".join(forces(made))
+    assert f"{made.arms[0].mean_n[0]:.1f} N" in told
+
+
+def test_another_robot_is_seen_in_force_or_path(demonstration, tmp_path, command_line):
+    profile = tmp_path / "other.toml"
+    document, _ = read_toml(PROFILES / "ideal.toml")
+    profile.write_text(toml_text(document | {"left": {"friction_p1": [3.0] * 7, "payload_kg": 1.5}}))
+    said = command_line("replay", demonstration.path, "--twin", profile, "--json")
+    assert said.returncode in (0, 1), said.stderr
+    left, right = json.loads(said.stdout)["arms"]
+    assert left["path_mm"] > 2.0 * right["path_mm"]
+    assert np.linalg.norm(left["torque_nm"]) > 2.0 * np.linalg.norm(right["torque_nm"])
+
+
+def test_an_unknown_profile_is_one_line(demonstration):
+    with pytest.raises(TrialError, match="unknown profile 'mine'"):
+        replay_in_twin(demonstration.path, "mine")
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_controller_and_judge_make_the_same_of_recorded_states(kind, cell, demonstration):
+    differs = replayed(kind, FOLDER / f"{kind.name}.npz", demonstration.path, cell)
+    assert differs is None, f"{differs}; where the law was to change, record the runs anew: {RENEW}"
+
+
+def test_another_law_is_found(cell, demonstration):
+    from dataclasses import replace
+
+    kind = KINDS[0]
+    harder = replace(cell, gains=replace(cell.gains, posture_gain=501.0))
+    differs = replayed(kind, FOLDER / f"{kind.name}.npz", demonstration.path, harder)
+    assert differs is not None
+    assert re.fullmatch(r"tick \d+: (left|right) \w+(\[\d\])?: \S+ recorded, \S+ now", differs)

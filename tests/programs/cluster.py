@@ -1,16 +1,16 @@
 """Three workers in three network namespaces run a campaign: one is killed, one is cut off, and the table is the same.
 
-    python -m tests.programs.cluster WORK [--plan PLAN.toml --undisturbed DIR] [--trials N] [--seed N]
-
 Runner, Dask scheduler and an S3-compatible server (moto) are in one namespace, each worker in one of its own behind a
 cable of its own; logs go to s3://. The first worker is killed with -9 and the second one's cable is pulled, both in the
 middle of a trial; later the cable is back, and so is what that worker still had to say. A fourth worker, of another
 version, is refused. Then results.csv and report.json have to be those of an undisturbed campaign with one local worker,
 with one log a trial. Exit status 0 where they are, 1 otherwise, 3 without namespaces.
+
+Takes some minutes.
 """
 
-import argparse
 import contextlib
+import csv
 import http.client
 import os
 import re
@@ -21,11 +21,15 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 
+import typer
+
+from rtstack.experiments.registry import plan_file
 from rtstack.papers.reference_spreading.plan import load_plan
-from tests.programs.kill_campaign import results, small_plan
+from tests.programs import program
 from tests.support.network import switch
-from tests.support.network.namespaces import Namespace, NotPermitted, permitted
+from tests.support.network.namespaces import Namespace, permitted
 
 BIN = Path(sys.executable).parent
 PLAN = "reference-spreading"
@@ -206,25 +210,37 @@ def compare(site: Site, plan: Path, out: Path, undisturbed: Path, said: str) -> 
     print(f"the same {len(theirs)} rows and report, {len(wanted)} logs at s3://{BUCKET}", flush=True)
 
 
-def main() -> int:
+def results(out: Path) -> list[dict[str, str]]:
+    """results.csv without the commit, which may change between two runs."""
+    with (out / "results.csv").open(newline="") as file:
+        return [{name: text for name, text in row.items() if name != "git_commit"} for row in csv.DictReader(file)]
+
+
+def small_plan(name: str, trials: int, folder: Path) -> Path:
+    """Write a plan with Table II's first references only, of `trials` trials or a few more."""
+    path = plan_file(name).path
+    text, each = path.read_text(), 2 * len(load_plan(path).controllers)
+    references = ", ".join(f'"rice_box/{k}"' for k in range(-(-trials // each)))
+    experiment = f'name = "table2"\nreferences = [{references}]\ndisplacements_mm = [-30.0, 30.0]\nrepetitions = 1\n'
+    path = folder / f"first-{trials}.toml"
+    path.write_text(f"{text[: text.index('[[experiments]]')]}[[experiments]]\n{experiment}")
+    return path
+
+
+def main(
+    work: Path,
+    plan: Annotated[Path | None, typer.Option(help="default: the first references of reference-spreading")] = None,
+    trials: Annotated[int, typer.Option(help="of the default plan, about")] = 40,
+    undisturbed: Annotated[Path | None, typer.Option(help="folder of that plan's campaign; else it is run")] = None,
+) -> int:
     """Run both, and compare."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("work", type=Path, metavar="WORK")
-    parser.add_argument("--plan", type=Path, help="default: the first references of reference-spreading")
-    parser.add_argument("--trials", type=int, default=40, help="of the default plan, about")
-    parser.add_argument("--undisturbed", type=Path, help="folder of that plan's campaign; else it is run")
-    arguments = parser.parse_args()
-    try:
-        print(f"{1 + WORKERS} network namespaces, {permitted()}", flush=True)
-    except NotPermitted as error:
-        print(f"no network namespaces here: {error}", file=sys.stderr)
-        return 3
-    work = arguments.work.resolve()
+    print(f"{1 + WORKERS} network namespaces, {permitted()}", flush=True)
+    work = work.resolve()
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    plan = (arguments.plan or small_plan(PLAN, arguments.trials, work)).resolve()
-    undisturbed = arguments.undisturbed or work / "undisturbed"
-    if arguments.undisturbed is None:
+    plan = (plan or small_plan(PLAN, trials, work)).resolve()
+    if undisturbed is None:
+        undisturbed = work / "undisturbed"
         command = [BIN / "rtstack", "campaign", plan, "--out", undisturbed, "--workers", "1"]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     network = Network()
@@ -243,4 +259,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -1,14 +1,13 @@
 """Our simulated robot and tick beside other authors', as PyPI has them, in one table.
 
-    python -m tests.programs.compare [--seconds 10] [--rounds 2] [--out FILE]
-
 franka-sim and franky-sim are installed by name into environments of their own (.venv-foreign); mink is here. One client
 does the same to each robot, one robot at a time, on loopback: it holds an arm, moves it, and provokes it. What another
 one does better stands first in the table. Nothing else should compute meanwhile. Exit status 2, with one line, where
 one cannot be installed, does not serve, or ends the hold.
+
+Takes some minutes, on a quiet machine.
 """
 
-import argparse
 import re
 import subprocess
 import sys
@@ -20,13 +19,16 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
+from typing import Annotated
 
 import numpy as np
 import psutil
 import pylibfranka as franka
+import typer
 
-from hal.files import write_whole
-from hal.realtime import realtime_thread
+from hal.base.files import write_whole
+from hal.base.realtime import realtime_thread
+from tests.programs import program
 from tests.programs.tick_beside_mink import beside_mink
 from tests.support.fci.client import connect, hold, torque_control
 from tests.support.foreign_robot import VERSIONS, addresses, environment, foreign_command, wait_for
@@ -269,31 +271,30 @@ def table(robots: Mapping[str, Robot], ticks_us: Mapping[str, float]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
+def main(
+    seconds: Annotated[float, typer.Option(help="how long each arm is held, each round")] = 10.0,
+    rounds: int = 2,
+    out: Path = Path("out/compare.md"),
+) -> int:
     """Measure, print, and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long each arm is held, each round")
-    parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("out/compare.md"))
-    options = parser.parse_args()
     robots = {}
     try:
         for name in PEERS:
             environment(name)
         for name in (OURS, *PEERS):
             print(f"compare: {name}", file=sys.stderr, flush=True)
-            robots[name] = measured(name, options.seconds, options.rounds)
+            robots[name] = measured(name, seconds, rounds)
     except (franka.FrankaException, RuntimeError) as error:
         lines = str(error).strip().splitlines()
         print(f"compare: {' '.join(dict.fromkeys((lines[0], lines[-1])))}", file=sys.stderr)
         return 2
     print("compare: tick", file=sys.stderr, flush=True)
-    text = table(robots, beside_mink(options.rounds))
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(options.out, text)
+    text = table(robots, beside_mink(rounds))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(out, text)
     print(text)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -1,38 +1,33 @@
 """Dead-man: how long after its cause the arms are given the first torque of a stop, for every way to let go.
 
-    python -m tests.programs.dead_man [--headset] [--repetitions 10] [--cause NAME] [--bare] [--json FILE]
-
 Starts `rtstack up` with the simulated cell, and a real Chromium in which an operator holds the clutch by a key and jogs
 the left arm by another. Then: the key is released, STOP is pressed by the space bar and by its button, the tab is
 hidden by another tab, the tab is closed, the browser is frozen (SIGSTOP to all of its processes), its page is (to the
 renderers), the console is killed (-9). Counted is from the host's monotonic time just before the cause is sent to the
 moment at which another process has seen, in the live rings, both arms in a tick that stops: both ends make it longer.
-The cause comes at any moment between two signs of life. `--headset`: the operator wears the one that npm's `iwer`
-emulates, holds both grips and moves the left hand; a controller or the headset is taken off, the tab is closed, the
-network is gone (the loopback device of a network namespace, which all of them are in), the browser is killed (-9).
-Exit status 1 where the longest is above 350 ms, or where
-something else has stopped the arms. Nothing else should compute meanwhile. Ctrl-C gives what there is so far.
+The cause comes at any moment between two signs of life. Exit status 1 where the longest is above
+350 ms, or where something else has stopped the arms. Nothing else should compute meanwhile. Ctrl-C gives what there is
+so far.
+
+Takes a quarter of an hour, on a quiet machine.
 """
 
-import argparse
 import json
 import os
 import random
 import re
-import signal
 import statistics
-import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import cast
+from typing import Annotated
 
 import httpx
 import psutil
+import typer
 from playwright.sync_api import Error as BrowserError
 from playwright.sync_api import Page, Playwright, sync_playwright
 from rich.console import Console
@@ -40,15 +35,12 @@ from rich.progress import Progress
 from rich.table import Table
 
 from rtstack.loop.end import End
-from tests.support.console.headset import emulator
-from tests.support.console.headset_scene import HeadsetScene
+from tests.programs import choose, program
 from tests.support.console.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
 from tests.support.console.stack import SoakFailed
-from tests.support.network.namespaces import Namespace, NotPermitted, permitted
 
 ALLOWED_MS = 350.0
 BETWEEN_S = 0.1  # two signs of life, generously: the cause comes at any moment of it
-NOT_PERMITTED = 3  # exit status
 TRIES = 3  # of a repetition whose moment was not reached
 
 
@@ -56,14 +48,13 @@ TRIES = 3  # of a repetition whose moment was not reached
 class Cause:
     """A way to let go. ready: gives what brings it about, with nothing else left to do.
 
-    says: the reason in the events; spends: whether the stack ends with it; kills: whether the browser does.
+    says: the reason in the events; spends: whether the stack ends with it.
     """
 
     name: str
     ready: Callable[[OperatorScene], Callable[[], object]]
     says: str
     spends: bool = False
-    kills: bool = False
 
 
 LOST = f"{End.RELEASED}: the page lost"
@@ -78,13 +69,6 @@ CAUSES = (
     Cause("browser frozen", lambda scene: scene.browser.freeze, str(End.CLUTCH_QUIET)),
     Cause("page frozen", lambda scene: partial(freeze, scene.browser.renderers()), str(End.CLUTCH_QUIET)),
     Cause("console killed", lambda scene: scene.console.kill, f"{End.CONSOLE_GONE}: its process has died", spends=True),
-)
-HEADSET_CAUSES = (
-    Cause("controller off", lambda scene: in_page(scene, "xr.controllers.left.connected = false"), LOST),
-    Cause("headset off", lambda scene: in_page(scene, "xr.updateVisibilityState('hidden')"), LOST),
-    Cause("tab closed", lambda scene: scene.page.close, LOST),
-    Cause("network gone", lambda scene: cast(HeadsetScene, scene).cut, str(End.CLUTCH_QUIET), kills=True),
-    Cause("browser killed", lambda scene: scene.browser.kill, LOST, kills=True),
 )
 
 
@@ -121,11 +105,6 @@ def click_on(page: Page, selector: str) -> Callable[[], object]:
     return partial(page.mouse.click, box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
-def in_page(scene: OperatorScene, script: str) -> Callable[[], object]:
-    """Return what carries a script out in the page."""
-    return partial(scene.page.evaluate, script)
-
-
 def freeze(processes: list[psutil.Process]) -> None:
     """Have processes stand still."""
     for process in processes:
@@ -153,16 +132,10 @@ def stop_by(cause: Cause, scene: OperatorScene, pause_s: float) -> Stop:
 
 
 class Bench:
-    """The causes one after another, with a stack and a browser for as long as they live.
+    """The causes one after another, with a stack and a browser for as long as they live."""
 
-    scene: makes one of a browser and a folder for its logs.
-    """
-
-    def __init__(
-        self, playwright: Playwright, folder: Path, found: dict[str, Found],
-        scene: Callable[[Chromium, Path], OperatorScene],
-    ) -> None:  # fmt: skip
-        self._playwright, self._folder, self._found, self._make = playwright, folder, found, scene
+    def __init__(self, playwright: Playwright, folder: Path, found: dict[str, Found], drawn: bool) -> None:
+        self._playwright, self._folder, self._found, self._drawn = playwright, folder, found, drawn
         self._moments = random.Random(1)
         self._scene: OperatorScene | None = None
         self._stacks = 0
@@ -182,8 +155,8 @@ class Bench:
             found.stops.append(stop)
             if not re.match(cause.says, stop.reason):
                 self.trouble.append(f"{cause.name}: the arms stopped because {stop.reason!r}")
-            if cause.spends or cause.kills:
-                self.end(by_itself=cause.spends)
+            if cause.spends:
+                self.end(by_itself=True)
             return
         self.trouble.append(f"{cause.name}: not measured: {found.missed[-1]}")
 
@@ -191,7 +164,7 @@ class Bench:
         if self._scene is None:
             self._stacks += 1
             self._browser = Chromium(self._playwright)
-            self._scene = self._make(self._browser, self._folder / str(self._stacks))
+            self._scene = OperatorScene(self._browser, self._folder / str(self._stacks), self._drawn)
         return self._scene
 
     def end(self, by_itself: bool = False) -> None:
@@ -202,19 +175,6 @@ class Bench:
         browser, self._browser = self._browser, None
         if browser is not None:
             browser.close()
-
-
-def own_network(stack: ExitStack) -> Namespace:
-    """Enter a network namespace, with all that is started from now on. Raises SystemExit where there are none."""
-    try:
-        permitted()
-        network = Namespace()
-    except NotPermitted as error:
-        print(error, file=sys.stderr)
-        raise SystemExit(NOT_PERMITTED) from None
-    stack.callback(network.close)
-    network.enter()
-    return network
 
 
 def show(found: dict[str, Found]) -> None:
@@ -230,36 +190,25 @@ def show(found: dict[str, Found]) -> None:
     Console(stderr=True).print(table)
 
 
-def main() -> int:
+def main(
+    repetitions: Annotated[int, typer.Option(help="of each cause")] = 10,
+    cause: Annotated[list[str] | None, typer.Option(help="only this one")] = None,
+    bare: Annotated[bool, typer.Option("--bare", help="without the 3D scene, as without a graphics card")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="write the report here, too")] = None,
+) -> int:
     """Measure, print a table and one JSON object."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repetitions", type=int, default=10, help="of each cause")
-    names = dict.fromkeys(cause.name for cause in CAUSES + HEADSET_CAUSES)
-    parser.add_argument("--headset", action="store_true", help="with an emulated headset")
-    parser.add_argument("--cause", action="append", choices=list(names), help="only this one")
-    parser.add_argument(
-        "--bare", action="store_true", help="the page without the 3D scene, for a machine without a graphics card"
-    )
-    parser.add_argument("--json", type=Path, help="write the report here, too")
-    options = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    causes = HEADSET_CAUSES if options.headset else CAUSES
-    chosen = [cause for cause in causes if not options.cause or cause.name in options.cause]
+    names = choose(cause, [cause.name for cause in CAUSES])
+    chosen = [cause for cause in CAUSES if cause.name in names]
     found = {cause.name: Found() for cause in chosen}
     trouble: list[str] = []
     load = os.getloadavg()[0]
-    with TemporaryDirectory() as folder, ExitStack() as stack:
-        if options.headset:
-            script, network = emulator(Path(folder)), own_network(stack)
-            scene = partial(HeadsetScene, script=script, network=network)
-        else:
-            scene = partial(OperatorScene, drawn=not options.bare)
-        bench = Bench(stack.enter_context(sync_playwright()), Path(folder), found, scene)
+    with TemporaryDirectory() as folder, sync_playwright() as playwright:
+        bench = Bench(playwright, Path(folder), found, drawn=not bare)
         try:
             with Progress(console=Console(stderr=True), transient=True) as progress:
-                task = progress.add_task("dead-man", total=options.repetitions * len(chosen))
+                task = progress.add_task("dead-man", total=repetitions * len(chosen))
                 for cause in chosen:
-                    for _ in range(options.repetitions):
+                    for _ in range(repetitions):
                         progress.update(task, description=cause.name)
                         bench.repeat(cause)
                         progress.advance(task)
@@ -278,10 +227,10 @@ def main() -> int:
         "load": [round(load, 1), round(os.getloadavg()[0], 1)], "trouble": trouble,
     }  # fmt: skip
     print(json.dumps(report, indent=2))
-    if options.json is not None:
-        options.json.write_text(json.dumps(report) + "\n")
+    if json_file is not None:
+        json_file.write_text(json.dumps(report) + "\n")
     return 1 if trouble else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

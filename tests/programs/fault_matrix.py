@@ -1,45 +1,83 @@
 """The fault matrix: each fault at each moment, in lockstep, over the real client and with the real log process.
 
-    python -m tests.programs.fault_matrix [--fault NAME] [--moment NAME] [--case FAULT.MOMENT] [--jobs 2] [--out DIR]
-        [--fresh] [--profile honest] [--two-clocks]
-
 Writes table.md and table.csv. Exit status 1 where anything was missed. Ctrl-C ends it; started again it goes on, unless
 the sources have changed since. --two-clocks: not in lockstep; the arms run in slow motion, by clocks that drift, and do
 not wait for the loop. docs/faults.md says how to read the table and to add a fault.
+
+Takes an hour or two.
 """
 
-import argparse
+import csv
 import hashlib
 import json
 import os
 import select
 import shutil
-import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from rtstack.cells import IDEAL, load_description, open_cell, with_profile
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.record import open_log
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial
+from tests.programs import choose, program
 from tests.support.faults import catalogue as fault_catalogue
 from tests.support.faults.case import Ground
 from tests.support.faults.catalogue import case_name
 from tests.support.faults.hold import hold
 from tests.support.faults.model import CaseResult, Fault, Moment
 from tests.support.faults.process import CaseProcess, take_charge
-from tests.support.faults.table import write_table
+from tests.support.runs import attempt, demonstrate
+
+HEAD = ("fault", "moment", "expected", "seen", "ticks", "robot at the end", "log", "recovered", "")
+
+
+def write_table(results: Sequence[CaseResult], expected_cases: int, folder: Path) -> Path:
+    """Write the table as .md and .csv; return the first one's path."""
+    missed = [result for result in results if result.misses]
+    lines = [
+        "# Faults",
+        "",
+        f"{len(results)} of {expected_cases} cases, {len(missed)} missed.",
+        "Ticks: from where the loop can see the fault to the first stopping torque, of those allowed.",
+        "",
+        "| " + " | ".join(HEAD) + " |",
+        "|" + " --- |" * len(HEAD),
+    ]
+    lines += ["| " + " | ".join(_cell(text) for text in _row(result)) + " |" for result in results]
+    if missed:
+        lines += ["", "## Missed", ""]
+        lines += [f"- {r.fault}, {r.moment}: {'; '.join(r.misses)}. It said: {r.said or 'nothing'}" for r in missed]
+    path = folder / "table.md"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with (folder / "table.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([field.name for field in fields(CaseResult)])
+        for result in results:
+            values = result.as_dict() | {"misses": "; ".join(result.misses)}
+            writer.writerow(values.values())
+    return path
+
+
+def _row(r: CaseResult) -> tuple[str, ...]:
+    ticks = "" if r.latency_ticks is None else f"{r.latency_ticks} of {r.allowed_ticks}"
+    return r.fault, r.moment, r.expected, r.seen, ticks, r.robot, r.log, r.recovered, "MISSED" if r.misses else "ok"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "/").split())
+
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("hal", "sim_robot", "rtstack", "deploy", "tests/support/faults")
-MISSED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+MISSED = 1
 # slow enough that a machine which stalls for some ms loses no packet
 TWO_CLOCKS = ("--phase-us", "400", "--drift-ppm", "50", "--slower", "2")
 
@@ -95,19 +133,10 @@ def make_ground(folder: Path, profile: str, clocks: tuple[str, ...]) -> Ground:
 def _look_for_impact(reference: Path, profile: str) -> int:
     description, source = load_description(None)
     direct, lockstep = with_profile("direct", profile), with_profile("lockstep", profile)
-    cell = open_cell(direct, "rice_box", 0.0, 0, description)
-    specification = DemonstrationSpecification()
-    log = open_log(reference, specification, description, "direct", source, overwrite=True)
-    run_demonstration(specification, description, cell, RunContext(log))
-    cell.close()
-    trial = TrialSpecification(str(reference), seed=1)
-    prepared = prepare_trial(trial, description)
-    # what runs in this process runs in lockstep, too, bit for bit
-    cell = open_cell(direct, "rice_box", 0.0, 1, description)
+    demonstrate(reference, description, kind=direct, file=source)
     path = reference.with_name("trial.mcap")
-    log = open_log(path, trial, description, "direct", source, reference=prepared.reference, overwrite=True)
-    result = run_trial(prepared, cell, RunContext(log))
-    cell.close()
+    # what runs in this process runs in lockstep, too, bit for bit
+    result = attempt(TrialSpecification(str(reference), seed=1), description, path, kind=direct, file=source)
     if not result.success:
         raise SystemExit(f"the trial without any fault failed: {result.failure_reason}")
     cell = open_cell(lockstep, "rice_box", 0.0, 1, description)  # compiles what only the server needs
@@ -185,50 +214,37 @@ def _say(result: CaseResult, done: int, count: int, began_s: float) -> None:
     print(line + (f"MISSED: {'; '.join(result.misses)}" if result.misses else "ok"), flush=True)
 
 
-def choose(arguments: list[str] | None) -> Choice:
-    """Read the command line. Exit status 2 for a fault or a moment that there is not."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--fault", action="append", help="only this fault (may be given again)")
-    parser.add_argument("--moment", action="append", choices=list(Moment), help="only this moment (likewise)")
-    parser.add_argument("--case", action="append", help="only this case, as nan-torque.ante (likewise)")
-    parser.add_argument("--jobs", type=int, default=2, help="cases at a time")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "faults", help="where results and the table go")
-    parser.add_argument("--fresh", action="store_true", help="play again what is kept")
-    parser.add_argument("--profile", default=IDEAL, help="of the simulated robot: ideal, honest, harsh")
-    parser.add_argument("--two-clocks", action="store_true", help="arms that do not wait for the loop, in slow motion")
-    options = parser.parse_args(arguments)
-    names = [fault.name for fault in fault_catalogue.FAULTS]
-    for name in options.fault or ():
-        if name not in names:
-            parser.error(f"there is no fault {name!r}; there are {', '.join(names)}")
-    if options.jobs < 1:
-        parser.error("--jobs must be 1 or more")
-    jobs = 1 if options.two_clocks else options.jobs  # each loop has the last CPU to itself
+def main(
+    faults: Annotated[list[str] | None, typer.Option("--fault", help="only this one")] = None,
+    moments: Annotated[list[Moment] | None, typer.Option("--moment", help="only this one")] = None,
+    names_of_cases: Annotated[list[str] | None, typer.Option("--case", help="only this one: nan-torque.ante")] = None,
+    jobs: Annotated[int, typer.Option(help="cases at a time")] = 2,
+    out: Path = ROOT / "out" / "faults",
+    fresh: Annotated[bool, typer.Option("--fresh", help="play again what is kept")] = False,
+    profile: Annotated[str, typer.Option(help="of the simulated robot: ideal, honest, harsh")] = IDEAL,
+    two_clocks: Annotated[bool, typer.Option("--two-clocks", help="arms that do not wait for the loop")] = False,
+) -> int:
+    """Play the chosen cases."""
+    choose(faults, [fault.name for fault in fault_catalogue.FAULTS])
+    if jobs < 1:
+        raise typer.BadParameter("--jobs must be 1 or more")
+    jobs = 1 if two_clocks else jobs  # each loop has the last CPU to itself
     cases = tuple(
         (fault, moment)
         for fault in fault_catalogue.FAULTS
         for moment in Moment
-        if (not options.fault or fault.name in options.fault)
-        and (not options.moment or moment in options.moment)
-        and (not options.case or case_name(fault, moment) in options.case)
-        and not (options.two_clocks and fault.shared_clock)
+        if (not faults or fault.name in faults)
+        and (not moments or moment in moments)
+        and (not names_of_cases or case_name(fault, moment) in names_of_cases)
+        and not (two_clocks and fault.shared_clock)
     )
     if not cases:
-        parser.error("there is no such case")
-    clocks = TWO_CLOCKS if options.two_clocks else ()
-    return Choice(cases, jobs, options.out, options.fresh, options.profile, clocks)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Play the chosen cases. Returns the exit status."""
-    choice = choose(arguments)
+        raise typer.BadParameter("there is no such case")
+    clocks = TWO_CLOCKS if two_clocks else ()
+    choice = Choice(cases, jobs, out, fresh, profile, clocks)
     take_charge()
-    try:
-        results = play(choice)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    return MISSED if any(result.misses for result in results) else 0
+    return MISSED if any(result.misses for result in play(choice)) else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -2,20 +2,22 @@
 
 `python -m tests.programs.fuzz --messages 1000000 --seed 0`. The server is a process of its own on loopback addresses of
 its own. What is thrown depends on the seed alone; bounded by --messages and --seconds.
+
+Takes half an hour, or --seconds.
 """
 
-import argparse
 import random
 import socket
 import struct
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from sim_robot.fci.protocol import (
     GRIPPER_HEADER,
@@ -27,6 +29,7 @@ from sim_robot.fci.protocol import (
     Command,
     MoveStatus,
 )
+from tests.programs import program
 from tests.support.fci.client import connect, hold, torque_control
 from tests.support.fci.raw import RawClient
 from tests.support.fci.server import Served, serve
@@ -318,19 +321,18 @@ def leaks(outcome: Outcome) -> bool:
     return rss[1] - rss[0] > WORST_RSS_GROWTH_KIB or descriptors[1] - descriptors[0] > 2
 
 
-def main() -> int:
+def main(
+    messages: int = 1_000_000,
+    seconds: float = 1800.0,
+    seed: int = 0,
+    lockstep: Annotated[bool, typer.Option("--lockstep", help="the server that waits for answers")] = False,
+) -> int:
     """Print a table. Returns 0, or 1 when the server failed in any way."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--messages", type=int, default=1_000_000)
-    parser.add_argument("--seconds", type=float, default=1800.0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--lockstep", action="store_true", help="the server that waits for answers")
-    options = parser.parse_args()
-    with serve(*["--lockstep"] * options.lockstep) as served:
-        outcome = fuzz(served, options.messages, options.seed, options.seconds)
+    with serve(*["--lockstep"] * lockstep) as served:
+        outcome = fuzz(served, messages, seed, seconds)
     for kind, count in sorted(outcome.messages.items()):
         print(f"{kind:32} {count:9d}")
-    print(f"{'messages':32} {outcome.total:9d}  in {outcome.seconds:.0f} s, seed {options.seed}")
+    print(f"{'messages':32} {outcome.total:9d}  in {outcome.seconds:.0f} s, seed {seed}")
     print(f"{'connections':32} {outcome.connections:9d}  {outcome.closed_by_server} closed by the server")
     print(f"{'reads with answers':32} {outcome.answers:9d}")
     print(f"{'motions begun':32} {outcome.motions:9d}")
@@ -343,4 +345,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

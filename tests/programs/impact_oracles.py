@@ -11,17 +11,21 @@ configuration is a scene (impact_scenes) with its own mass matrix and Jacobian (
   quadratic      without friction, the QP of Gauss's principle (daqp) to 1e-8
   closed form    without friction, the bilateral impact on the active set to 1e-8
   mujoco         one step of MuJoCo against Pinocchio's convex relaxation, and the map where both laws agree, to 0.1 %
+
+Takes some minutes.
 """
 
-import argparse
 import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import daqp
 import numpy as np
+import typer
 
 from rtstack.impact_map import Status, impact_map
+from tests.programs import program
 from tests.support.impact_map.mujoco import mujoco_velocity, relaxed_velocity
 from tests.support.impact_map.scenes import frictionless, random_scene
 from tests.support.impact_map.system import System, system_of
@@ -153,20 +157,18 @@ def _check_mujoco(seed, scene, result, tally):
         tally.check(seed, "mujoco: map", np.abs(stepped - impact.velocity).max() / scale, MUJOCO)
 
 
-def main() -> int:
+def main(
+    configurations: int = 1000, seed: Annotated[int, typer.Option(help="the first one's; the others follow")] = 0
+) -> int:
     """Check as many configurations as asked, with a line every two seconds, and say what was seen."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--configurations", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0, help="the first one's; the others follow")
-    options = parser.parse_args()
     tally = Tally()
     from rich.progress import track
 
-    for k in track(range(options.configurations), "configurations", disable=not sys.stderr.isatty()):
-        check_configuration(options.seed + k, tally)
+    for k in track(range(configurations), "configurations", disable=not sys.stderr.isatty()):
+        check_configuration(seed + k, tally)
         if not sys.stderr.isatty() and (k + 1) % 100 == 0:
             print(f"{k + 1} configurations, {len(tally.failures)} failures", file=sys.stderr)
-    print(f"{options.configurations} configurations from seed {options.seed}")
+    print(f"{configurations} configurations from seed {seed}")
     for name, count in sorted(tally.counts.items()):
         print(f"  {name:<34} {count}")
     for name, worst in sorted(tally.worst.items()):
@@ -178,4 +180,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    program(main)

@@ -1,13 +1,12 @@
 """What the link between control PC and robot stands: a trial a row, in two network namespaces joined by a bad cable.
 
-    python -m tests.programs.link_table [--rows NAME ...] [--reference REC.mcap] [--out DIR] [--json]
-
 Robot and control PC are namespaces of their own; the trial is `rtstack trial`, the robot `rtstack sim`. A row is right
 when the trial succeeded, or ended with the vendor's name of what the link did, the arms at rest and a log that can be
 read. Exit status 0 where every row is right and those that have to succeed do, 1 otherwise, 3 without namespaces.
+
+Takes a quarter of an hour.
 """
 
-import argparse
 import json
 import os
 import signal
@@ -17,15 +16,18 @@ import tempfile
 import threading
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Annotated
 
+import typer
+
+from tests.programs import program
 from tests.support.network import relay
-from tests.support.network.namespaces import Namespace, NotPermitted, permitted
-from tests.support.network.relay import Cable, set_cable
+from tests.support.network.namespaces import Namespace, permitted
+from tests.support.network.relay import Cable
 from tests.support.real_cell import write_cell_file
 from tests.support.terminal import Terminal
 
 BIN = Path(sys.executable).parent
-NOT_PERMITTED = 3  # exit status
 LEFT, RIGHT, CONTROL = "10.77.1.11", "10.77.1.12", "10.77.1.1"
 TRACKER = f"{CONTROL}:1341"
 PATIENCE_S = 240.0
@@ -116,14 +118,14 @@ class Lab:
         for end in ends:
             os.close(end)
 
-    @property
-    def relay_pid(self) -> int:
-        """The process that is the cable."""
-        return self._relay.pid
-
     def set(self, cable: Cable) -> None:
-        """Change the cable."""
-        set_cable(self._relay, cable)
+        """Change the cable. Raises RuntimeError where the relay has ended."""
+        assert self._relay.stdin is not None
+        assert self._relay.stdout is not None
+        self._relay.stdin.write(json.dumps(asdict(cable)) + "\n")
+        self._relay.stdin.flush()
+        if self._relay.stdout.readline() != "ready\n":
+            raise RuntimeError("the relay has ended")
 
     def close(self) -> None:
         """End all of it."""
@@ -248,38 +250,32 @@ def table(outcomes: list[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
+def main(
+    rows: Annotated[list[int] | None, typer.Option(help="by number")] = None,
+    reference: Annotated[Path | None, typer.Option(help="a recording with the rice box; else one is made")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder for logs and table")] = None,
+    seed: int = 0,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> int:
     """Run the rows."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rows", type=int, nargs="+", metavar="N", default=range(len(ROWS)), help="by number")
-    parser.add_argument("--reference", type=Path, help="a recording with the rice box; else one is made")
-    parser.add_argument("--out", type=Path, help="folder for logs and table")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    try:
-        how = permitted()
-    except NotPermitted as error:
-        print(f"no network namespaces here: {error}", file=sys.stderr)
-        return NOT_PERMITTED
-    print(f"two network namespaces, {how}", file=sys.stderr, flush=True)
+    print(f"two network namespaces, {permitted()}", file=sys.stderr, flush=True)
     with tempfile.TemporaryDirectory() as scratch:
-        out = arguments.out or Path(scratch)
-        out.mkdir(parents=True, exist_ok=True)
-        reference = arguments.reference or Path(scratch) / "ref.mcap"
-        if arguments.reference is None:
+        folder = out or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        if reference is None:
+            reference = Path(scratch) / "ref.mcap"
             subprocess.run([BIN / "rtstack", "teach", reference], check=True, stdout=subprocess.DEVNULL)
         cell_file = Path(scratch) / "cell.toml"
         write_cell_file(cell_file, LEFT, RIGHT, TRACKER)
         outcomes: list[Outcome] = []
-        for number in arguments.rows:
-            outcomes.append(run_row(ROWS[number], reference, cell_file, out, arguments.seed + number))
+        for number in rows or range(len(ROWS)):
+            outcomes.append(run_row(ROWS[number], reference, cell_file, folder, seed + number))
             print(table(outcomes[-1:]).splitlines()[-1], file=sys.stderr, flush=True)
-        if arguments.out:
+        if out:
             (out / "link.md").write_text(table(outcomes) + "\n")
-    print(json.dumps([asdict(one) for one in outcomes]) if arguments.json else table(outcomes))
+    print(json.dumps([asdict(one) for one in outcomes]) if as_json else table(outcomes))
     return int(any(one.wrong for one in outcomes))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -1,7 +1,5 @@
 """Mutation testing of the judge and the arming state machine: change one thing, run the tests, see whether they notice.
 
-    .venv/bin/python -m tests.programs.mutate [--minutes 60] [--jobs 1] [--module stop]
-
 Own code, because the known tools cannot see it: mutmut leaves decorated functions alone, and all that counts here is
 under `njit`; cosmic-ray rewrites the sources in place, under a stack that may be running them. Here the compiled
 functions run as the plain Python that they are (NUMBA_DISABLE_JIT), and a mutant is a forked process.
@@ -10,14 +8,20 @@ What became of each mutant is kept in .mutants/, in a file for each version of t
 there. Survivors that nobody has listed are run again where the tests have changed. Prints killed / total; exit status
 1 where a survivor is not listed in mutation_survivors.txt, or not all have been run; 2 where the tests fail on the
 judge as it is.
+
+Takes hours, --minutes at a time.
 """
 
-import argparse
 import os
 import signal
 import sys
 import time
 from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tests.programs import choose, program
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # before anything imports numba
 os.environ["RTSTACK_SEQUENCES"] = "20"
@@ -113,16 +117,14 @@ def report(names: list[str], results: Results) -> int:
     return 1 if unlisted or len(done) < len(names) else 0
 
 
-def main() -> int:
+def main(
+    minutes: Annotated[float, typer.Option(help="stop after this long; the next run goes on")] = 120.0,
+    jobs: int = 2,
+    module: list[str] | None = None,
+) -> int:
     """Run what has not been run yet, within the time; return the exit status."""
-    arguments = argparse.ArgumentParser(description="Mutation testing of judge and arming state machine.")
-    arguments.add_argument("--minutes", type=float, default=60.0, help="stop after this long; the next run goes on")
-    arguments.add_argument("--jobs", type=int, default=1)
-    arguments.add_argument("--module", choices=MODULES, action="append")
-    options = arguments.parse_args()
     os.nice(5)
     os.chdir(ROOT)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background of a script it is ignored
     hypothesis.settings.register_profile(
         "mutants", deadline=None, database=None, max_examples=25, derandomize=True,
         phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate),
@@ -130,13 +132,13 @@ def main() -> int:
     )  # fmt: skip
     hypothesis.settings.load_profile("mutants")
     results = Results()
-    chosen = [m for module in options.module or MODULES for m in mutants(PACKAGE / f"{module}.py")]
+    chosen = [m for module in choose(module, MODULES) for m in mutants(PACKAGE / f"{module}.py")]
     names = [mutant.name for mutant in chosen]
     waiting = [mutant for mutant in chosen if mutant.name not in results.killed]
     print(f"{len(names)} mutants, {len(names) - len(waiting)} of them known from earlier runs", flush=True)
     if waiting:
         tests = Tests([str(path) for path in TESTS], CHOICE, [str(PACKAGE / "*.py")])
-        tests.run(lambda: run(waiting, tests, results, options.jobs, options.minutes))
+        tests.run(lambda: run(waiting, tests, results, jobs, minutes))
         if tests.failed:
             print(f"{tests.why}\n{tests.failed} fails on the judge as it is: see to that first", file=sys.stderr)
             return 2
@@ -144,8 +146,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        print("ended; the next run goes on from here", file=sys.stderr)
-        sys.exit(130)
+    program(main)

@@ -1,15 +1,12 @@
 """Recompute a campaign's numbers from its MCAP files alone, and compare them with what it says.
-
-    python -m tests.programs.recompute DIR [--plan deploy/campaigns/reference-spreading.toml] [--jobs
-    2] [--trials N]
-
 Nothing of ours is imported: mcap, mcap_protobuf and numpy. Each number of results.csv that the report uses, then Table
 II, Figure 11 and the means behind the claims with their 95 % intervals, as report.json and the page have them, and the
 verdicts on orders. Prints the largest difference of each; exit status 0 where all agree to TOLERANCE, else 1. --trials:
 only so many logs, and no report.
+
+Takes minutes.
 """
 
-import argparse
 import csv
 import html
 import json
@@ -18,15 +15,17 @@ import re
 import sys
 import tomllib
 from collections import defaultdict
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import product
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
+from tests.programs import program
 from tests.support.recomputed_trial import recompute
 
 TOLERANCE = 1e-6  # relative, of numbers that are sums in another order
@@ -38,6 +37,7 @@ BASELINES = {
     "no_interim": "no interim mode",
 }
 Figure = dict[str, Any]  # mean, low, high, n
+Value = Callable[[dict], Any]
 
 
 class Differences:
@@ -110,21 +110,39 @@ def grouped(rows: list[dict], keys: tuple[str, ...], column: str) -> dict[object
     return groups
 
 
+def over_references(rows: list[dict], value: Value) -> Figure | None:
+    """Mean of the references' means, and Student's interval over the references."""
+    groups: dict[str, list[float]] = defaultdict(list)
+    for row in rows:
+        if (number := value(row)) is not None:
+            groups[row["reference"]].append(float(number))
+    return mean_of({0: [float(np.mean(values)) for values in groups.values()]}) if groups else None
+
+
+def went_on(row: dict) -> bool:
+    """Whether a trial lasted until 0.3 s after its nominal impact."""
+    return 1e-3 * row["ticks"] >= row["nominal_impact_time_s"] + 0.3
+
+
+def difference(rows: list[dict], first: str, second: str, value: Value) -> Figure | None:
+    """Mean of the first controller's values less the second's, pair by pair, over references."""
+    keys = ("reference", "experiment", "displacement_mm", "repetition")
+    found = [
+        {tuple(row[key] for key in keys): float(number) for row in rows
+         if row["controller"] == name and (number := value(row)) is not None}
+        for name in (first, second)
+    ]  # fmt: skip
+    pairs = [{"reference": key[0], "less": found[0][key] - found[1][key]} for key in found[0] if key in found[1]]
+    return over_references(pairs, lambda pair: pair["less"])
+
+
 def lift_of(rows: list[dict], controller: str) -> Figure | None:
     """Lift of successful grabs against the mean of all controllers at the same reference and displacement."""
-    keys = ("reference", "displacement_mm")
     good = [row for row in rows if row["success"]]
-    everybody = grouped(good, keys, "max_lift_mm")
-    own = grouped([row for row in good if row["controller"] == controller], keys, "max_lift_mm")
-    return mean_of({key: [v - float(np.mean(everybody[key])) for v in values] for key, values in own.items()})
-
-
-def overall(rows: list[dict], controller: str, column: str) -> Figure | None:
-    """Mean of a column over all successful trials; the interval from what was repeated, where not all was."""
-    good = [row for row in rows if row["controller"] == controller and row["success"]]
-    groups = grouped(good, ("experiment", "reference", "displacement_mm"), column)
-    repeated = {key: values for key, values in groups.items() if len(values) > 1}
-    return mean_of(repeated or groups)
+    everybody = grouped(good, ("reference", "displacement_mm"), "max_lift_mm")
+    own = [row for row in good if row["controller"] == controller]
+    mean = {key: float(np.mean(values)) for key, values in everybody.items()}
+    return over_references(own, lambda row: row["max_lift_mm"] - mean[row["reference"], row["displacement_mm"]])
 
 
 def shown(figure: Figure | None, unit: str = "", digits: int = 1, factor: float = 1.0) -> str:
@@ -137,50 +155,56 @@ def shown(figure: Figure | None, unit: str = "", digits: int = 1, factor: float 
     return f"{mean}{unit} (n = {figure['n']}, no interval)" if low is None else f"{mean}{unit} [{low}, {high}]"
 
 
-def order(pairs: list[tuple[Figure | None, Figure | None]]) -> str:
-    """Verdict of "the first is below the second", for all pairs."""
-    verdict = "holds"
-    for low, high in pairs:
-        if low is None or high is None:
-            return "cannot be told"
-        if not low["mean"] < high["mean"]:
-            return "differs"
-        if low["high"] is None or high["low"] is None or not low["high"] < high["low"]:
-            verdict = "holds, within the intervals"
-    return verdict
+def below_zero(figure: Figure | None) -> str:
+    """Verdict of "the mean is below 0"."""
+    if figure is None or figure["low"] is None or figure["low"] == figure["high"] == 0.0:
+        return "cannot be told"
+    if figure["high"] <= 0.0:
+        return "holds"
+    if figure["low"] > 0.0:
+        return "differs"
+    return "holds, within the intervals" if figure["mean"] <= 0.0 else "cannot be told"
 
 
-def verdicts(rows: list[dict]) -> dict[str, str]:
-    """Verdicts of the claims on orders in Table II and Figure 11, by the claim's text."""
+def worst(found: list[str]) -> str:
+    """Verdict of a claim of several parts."""
+    return next(each for each in ("differs", "cannot be told", "holds, within the intervals", "holds") if each in found)
+
+
+def verdicts(rows: list[dict], claims: list[dict]) -> dict[tuple[str, str], str]:
+    """Verdicts of the claims on orders, by (where, claim). claims: those of the plan."""
     table2, figure11 = ([row for row in rows if row["experiment"] == name] for name in ("table2", "figure11"))
-    displacements = sorted({row["displacement_mm"] for row in figure11})
-    controllers = (PROPOSED, *BASELINES)
-    force: dict[tuple[float, str], Figure | None] = {}
-    for d, controller in product(displacements, controllers):
-        here = [row for row in figure11 if (row["displacement_mm"], row["controller"]) == (d, controller)]
-        force[d, controller] = mean_of(grouped([r for r in here if r["success"]], ("reference",), "average_force_norm"))
+    last, every, lasting = "no_velocity_feedback", (PROPOSED, *BASELINES), [row for row in rows if went_on(row)]
+    above = {last: every, "no_interim": (PROPOSED, "no_reference_spreading"), PROPOSED: ("no_reference_spreading",)}
+    good, to_last = [row for row in table2 if row["success"]], [(c, last) for c in every if c != last]
+    peaked = [(PROPOSED, c) for c in ("no_reference_spreading", "no_interim")]
+    all_three = [(PROPOSED, c) for c in BASELINES]
+    orders = {  # judge -> the rows, the pairs, the column
+        "fewest_grabs": (table2, [(b, a) for a, b in to_last], "success"),
+        "most_grabs": (table2, [(c, PROPOSED) for c in BASELINES], "success"),
+        "peaks_reduced": (lasting, all_three, "peak_in_window"),
+        "steps_reduced": (lasting, all_three, "largest_step"),
+        "swing": (lasting, to_last, "swing_m_s"),
+        "swing_other": (lasting, to_last, "swing_other_m_s"),
+        "contact_lost": (lasting, to_last, "lost_ms"),
+        "other_robot": (lasting, peaked, "largest_step_other"),
+        "posture": (lasting, peaked, "posture_peak"),
+    }
     found = {}
-    for d in displacements:
-        text = f"at {d:+g} mm" if d else "at 0 mm"
-        pairs = [(force[d, PROPOSED], force[d, baseline]) for baseline in BASELINES]
-        found[f"{text} the proposed controller has the lowest mean force norm"] = order(pairs)
-    for baseline in ("no_reference_spreading", "no_interim"):
-        text = f"its 95 % intervals at -30 and 30 mm lie apart from those of “{BASELINES[baseline]}”"
-        found[text] = order([(force.get((d, PROPOSED)), force.get((d, baseline))) for d in (-30.0, 30.0)])
-    success = {c: share_of([row for row in table2 if row["controller"] == c]) for c in controllers}
-    shares = {c: share["mean"] for c, share in success.items() if share is not None}
-    alike = len(set(shares.values())) < 2
-    last = "no_velocity_feedback"
-    fewest = order([(success[last], success[c]) for c in controllers if c != last])
-    found["no velocity feedback has the fewest successful grabs"] = "cannot be told" if alike else fewest
-    best = "holds" if shares.get(PROPOSED, 0.0) >= max(shares.values(), default=0.0) else "differs"
-    text = "the proposed controller's success is not below any baseline's"
-    found[text] = "holds, within the intervals" if alike else best
-    lifted = [row for row in figure11 if row["object"] == RICE_BOX] or table2
-    lift = {c: lift_of(lifted, c) for c in controllers}
-    found["no velocity feedback has the lowest lift"] = order([(lift[last], lift[c]) for c in lift if c != last])
-    pairs = [(lift[PROPOSED], lift["no_reference_spreading"]), (lift["no_interim"], lift[PROPOSED])]
-    found["lift: no reference spreading > proposed > no interim mode"] = order(pairs)
+    for claim in claims:
+        at = claim.get("at")
+        if claim["judge"] in ("lowest_force_norm", "high_at_zero"):
+            some = [row for row in figure11 or table2 if row["displacement_mm"] == at and went_on(row)]
+            pairs = peaked if claim["judge"] == "high_at_zero" else all_three
+            some, pairs, column = some, pairs, "average_force_norm"
+        elif claim["judge"] == "lift_order":
+            some, pairs, column = good, [(at, c) for c in above[at] if c != at], "max_lift_mm"
+        elif claim["judge"] in orders:
+            some, pairs, column = orders[claim["judge"]]
+        else:
+            continue
+        parts = [below_zero(difference(some, a, b, lambda row, name=column: row[name])) for a, b in pairs]
+        found[claim["where"], claim.get("says", "")] = worst(parts)
     return found
 
 
@@ -193,8 +217,8 @@ def compare_figure(differences: Differences, name: str, theirs: Figure | None, o
         differences.take(f"{name} {key}", theirs[key], ours[key], where)
 
 
-def compare_report(out: Path, rows: list[dict], differences: Differences) -> None:
-    """Compare report.json and the page with what follows from `rows`."""
+def compare_report(out: Path, rows: list[dict], claims: list[dict], differences: Differences) -> None:
+    """Compare report.json and the page with what follows from `rows`. claims: those of the plan."""
     report = json.loads((out / "report.json").read_text())
     page = html.unescape((out / "report.html").read_text())
 
@@ -206,36 +230,41 @@ def compare_report(out: Path, rows: list[dict], differences: Differences) -> Non
             row for row in rows if row["conditions"] == part["name"] and row["controller"] in (PROPOSED, *BASELINES)
         ]
         table2, figure11 = ([row for row in mine if row["experiment"] == name] for name in ("table2", "figure11"))
-        lifted = [row for row in figure11 if row["object"] == RICE_BOX] or table2
+        repeated = [row for row in figure11 if row["object"] == RICE_BOX]
         for line in part["table2"]:
             controller, where = line["controller"], f"{part['name']}, {line['controller']}"
             success, lift = (
-                share_of([row for row in table2 if row["controller"] == controller]), lift_of(lifted, controller),
+                share_of([row for row in table2 if row["controller"] == controller]), lift_of(table2, controller),
             )  # fmt: skip
             compare_figure(differences, "Table II success", line["success"], success, where)
             compare_figure(differences, "Table II lift", line["lift_mm"], lift, where)
+            again = lift_of(repeated, controller)
+            compare_figure(differences, "Table II lift, repeated", line["repeated_lift_mm"], again, where)
             if success is not None:
                 printed("Table II success", shown(success, " %", 0, 100.0), where)
                 printed("Table II lift", shown(lift, " mm", 2), where)
         for point in part["figure11"]:
             where = f"{part['name']}, {point['controller']} at {point['displacement_mm']:g} mm"
-            here = [row for row in figure11 if row["success"] and row["controller"] == point["controller"]
+            here = [row for row in figure11 if went_on(row) and row["controller"] == point["controller"]
                     and row["displacement_mm"] == point["displacement_mm"]]  # fmt: skip
             for column in ("average_force_norm", "average_force_norm_linear_n"):
                 figure = mean_of(grouped(here, ("reference",), column))
                 compare_figure(differences, f"Figure 11 {column}", point[column], figure, where)
                 printed("Figure 11", shown(figure), where)
         for entry in part["means"]:
-            figure = overall(mine, entry["controller"], entry["column"])
+            own = [row for row in mine if row["controller"] == entry["controller"] and went_on(row)]
+            figure = over_references(own, lambda row, column=entry["column"]: row[column])
             where = f"{part['name']}, {entry['controller']}"
             compare_figure(differences, f"mean {entry['column']}", entry["mean"], figure, where)
-        mine_of = verdicts(mine)
+        mine_of = verdicts(mine, claims)
         for claim in part["claims"]:
-            cells = re.escape(f"<td>{claim['claim']}</td><td>{claim['figures']}")
+            three = (claim["claim"] or "-", claim["mark"] or "-", claim["figures"])
+            cells = re.escape("<td>" + "</td><td>".join(three))
             row = re.search(cells + r'.{0,2000}?class="verdict [^"]*">' + re.escape(claim["verdict"]) + "<", page, re.S)
             differences.take("claim and verdict on the page", True, row is not None, claim["claim"])
-            if claim["claim"] in mine_of:
-                differences.take("verdict", claim["verdict"], mine_of[claim["claim"]], claim["claim"])
+            key = claim["where"], claim["claim"]
+            if key in mine_of:
+                differences.take("verdict", claim["verdict"], mine_of[key], claim["claim"])
 
 
 def value(text: str) -> object:
@@ -248,25 +277,25 @@ def value(text: str) -> object:
         return text
 
 
-def main() -> int:
+def main(
+    out: Path,
+    plan: Path = Path("deploy/campaigns/reference-spreading.toml"),
+    jobs: int = 2,
+    trials: Annotated[int | None, typer.Option(help="look at so many of the logs only, and not at the report")] = None,
+) -> int:
     """Run the comparison."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("out", type=Path, metavar="DIR")
-    parser.add_argument("--plan", type=Path, default=Path("deploy/campaigns/reference-spreading.toml"))
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--trials", type=int, help="look at so many of the logs only, and not at the report")
-    arguments = parser.parse_args()
-    for path in (arguments.out / "results.csv", arguments.out / "report.json", arguments.plan):
+    for path in (out / "results.csv", out / "report.json", plan):
         if not path.is_file():
             why = "give a campaign's folder and the plan that it followed"
             print(f"recompute: there is no {path}: {why}", file=sys.stderr)
             return 2
-    with (arguments.out / "results.csv").open(newline="") as file:
-        theirs = [{name: value(text) for name, text in row.items()} for row in csv.DictReader(file)][: arguments.trials]
-    criterion = tomllib.loads(arguments.plan.read_text())["success"]
+    with (out / "results.csv").open(newline="") as file:
+        theirs = [{name: value(text) for name, text in row.items()} for row in csv.DictReader(file)][:trials]
+    followed = tomllib.loads(plan.read_text())
+    criterion = followed["success"]
     differences, rows = Differences(), []
-    logs = [arguments.out / str(row["log"]) for row in theirs]
-    with ProcessPoolExecutor(arguments.jobs) as pool:
+    logs = [out / str(row["log"]) for row in theirs]
+    with ProcessPoolExecutor(jobs) as pool:
         for row, numbers in zip(theirs, pool.map(partial(recompute, criterion=criterion), logs), strict=True):
             for name, number in numbers.items():
                 plain = number if number is None or isinstance(number, bool) else float(number)
@@ -274,12 +303,12 @@ def main() -> int:
             rows.append(row | numbers)
             if sys.stderr.isatty():
                 print(f"\r{len(rows)} of {len(theirs)} logs", end="", file=sys.stderr, flush=True)
-    if arguments.trials is None:
-        compare_report(arguments.out, rows, differences)
+    if trials is None:
+        compare_report(out, rows, followed.get("claims", []), differences)
     agree = differences.show()
     print(f"{len(rows)} logs: {'all numbers agree' if agree else 'NOT ALL NUMBERS AGREE'} to {TOLERANCE:g}")
     return 0 if agree else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -1,8 +1,8 @@
-"""Record the runs anew on which every change of the law is replayed (tests/playback/test_recorded_runs.py).
-
-    python -m tests.programs.record_runs
+"""Record the runs anew on which every change of the law is replayed (tests/playback/test_replay.py).
 
 Run it when the law is changed on purpose, and put the lines that it prints, what differed, into the commit's message.
+
+Takes a minute.
 """
 
 from pathlib import Path
@@ -10,12 +10,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from rtstack.cells import default_cell_file, load_description, open_cell
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.record import RunSamples, open_log
+from rtstack.cells import load_description, open_cell
+from rtstack.trials.record import RunSamples
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification
-from tests.support.recorded_run import FOLDER, KINDS, replayed, saved
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial
+from tests.programs import program
+from tests.support.recorded_run import FOLDER, KINDS, REFERENCE, kept_reference, replayed, saved
+from tests.support.runs import demonstrate
 
 
 class _StopAt:
@@ -37,11 +39,11 @@ def main() -> None:
     FOLDER.mkdir(exist_ok=True)
     with TemporaryDirectory() as folder:
         reference = Path(folder) / "ref.mcap"
-        asked = DemonstrationSpecification()
-        cell = open_cell("direct", asked.object, 0.0, asked.seed)
-        log = open_log(reference, asked, description, "direct", default_cell_file())
-        run_demonstration(asked, description, cell, RunContext(log))
-        cell.close()
+        demonstrate(reference, description)
+        if not REFERENCE.exists():
+            prepared = prepare_trial(TrialSpecification(str(reference)), description)
+            longest = max(kind.ticks for kind in KINDS)
+            np.savez_compressed(REFERENCE, **kept_reference(prepared.reference, longest))
         for kind in KINDS:
             file = FOLDER / f"{kind.name}.npz"
             if file.exists():
@@ -62,4 +64,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    program(main)

@@ -1,13 +1,12 @@
 """What goes with a release: wheel and sdist of the last commit, hashes of all that the wheel needs, and an SBOM.
 
-    python -m tests.programs.release [--out DIR]
-
 The wheel is built twice, in two folders, and has to come out the same. It is then installed into an environment of its
 own, by constraints.txt; from there come `requirements.txt`, for `pip install --require-hashes`, and `sbom.json`
 (CycloneDX). The hashes are those of the files that pip chose here: of this platform and this Python. Needs pip's index.
+
+Takes some minutes.
 """
 
-import argparse
 import gzip
 import hashlib
 import json
@@ -21,7 +20,8 @@ import venv
 from io import BytesIO
 from pathlib import Path
 
-from hal.files import write_whole
+from hal.base.files import write_whole
+from tests.programs import program
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = ("build==1.6.1", "cyclonedx-bom==7.5.0")
@@ -74,11 +74,8 @@ def hashed(report: dict) -> str:
     return "\n".join(sorted(lines, key=str.lower)) + "\n"
 
 
-def main() -> int:
+def main(out: Path = ROOT / "out" / "release") -> int:
     """Make all of it in a new folder, and say what differs between the two builds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "release")
-    out: Path = parser.parse_args().out
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -108,4 +105,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -1,31 +1,31 @@
 """A soak of the whole stack: an operator at work for half an hour, watched by others, and what that costs the host.
 
-    python -m tests.programs.soak [--minutes 30] [--viewers 2] [--json FILE]
-
 Starts `rtstack up` with the simulated cell. A client signs in, takes control, arms, and then over and over records a
 demonstration, runs trials on it, downloads and reviews a log, while viewers read the live socket. After each round the
 memory (RSS) and the descriptors of each process of the stack are noted. Exit status 1 where memory has grown by 5 % or
 more since the warm-up (5 minutes, or a third of a shorter run), descriptors have, a run failed, or somebody was left
 behind. Ctrl-C gives what there is so far.
+
+Takes half an hour, or --minutes.
 """
 
-import argparse
 import itertools
 import json
-import signal
 import statistics
 import subprocess
-import sys
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Annotated
 
 import httpx
+import typer
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from tests.programs import program
 from tests.support.console.stack import COMMAND, SoakFailed, Stack, Viewer
 
 WARM_UP_S = 300.0
@@ -156,22 +156,20 @@ class Soak:
         }  # fmt: skip
 
 
-def main() -> int:
+def main(
+    minutes: float = 30.0,
+    watchers: Annotated[int, typer.Option("--viewers", help="pages that only look")] = 2,
+    json_file: Annotated[Path | None, typer.Option("--json", help="write the report here, too")] = None,
+) -> int:
     """Soak. Returns 0 where all stayed flat, else 1."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--viewers", type=int, default=2, help="pages that only look")
-    parser.add_argument("--json", type=Path, help="write the report here, too")
-    options = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    whole_s = 60.0 * options.minutes
+    whole_s = 60.0 * minutes
     warm_up_s = min(WARM_UP_S, whole_s / 3.0)
     trouble: list[str] = []
     with TemporaryDirectory() as folder:
         stack = Stack(Path(folder) / "logs")
         soak, viewers = Soak(stack), []
         try:
-            viewers += [Viewer(stack, answers=k == 0) for k in range(1 + options.viewers)]
+            viewers += [Viewer(stack, answers=k == 0) for k in range(1 + watchers)]
             for number in itertools.count():
                 soak.round(number)
                 left_min = max(0.0, whole_s - soak.elapsed_s) / 60.0
@@ -190,10 +188,10 @@ def main() -> int:
         trouble.append("a viewer was shown nothing")
     report = soak.report(warm_up_s, trouble)
     print(json.dumps(report, indent=2))
-    if options.json is not None:
-        options.json.write_text(json.dumps(report) + "\n")
+    if json_file is not None:
+        json_file.write_text(json.dumps(report) + "\n")
     return 1 if report["trouble"] else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -1,12 +1,11 @@
 """The dual-arm tick beside mink's inverse kinematics for the same two arms, turn by turn in one run.
 
-    python -m tests.programs.tick_beside_mink [--rounds 10]
-
 mink solves kinematics alone: two frame tasks and a posture task, position and velocity limits, by daqp. A round is
 `rtstack bench tick` and as many solutions of mink's, in this process; ratios are of the medians, then over the rounds.
+
+Takes a minute, on a quiet machine.
 """
 
-import argparse
 import sys
 import time
 from importlib.metadata import version
@@ -19,10 +18,10 @@ import numpy as np
 from rtstack.bench.tick import bench_tick
 from rtstack.cells import load_description
 from rtstack.trials.assembly import default_parameters
-from sim_robot.model import SIDES
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.scene import load_scene
+from sim_robot.scene import SIDES, load_scene
+from tests.programs import program
 
 TICKS = 500
 PERIOD_S = 1e-3
@@ -75,11 +74,11 @@ def beside_mink(rounds: int) -> dict[str, float]:
     for number in range(1, rounds + 1):
         ticks = bench_tick(description, parameters, TICKS)
         theirs.append(1e-3 * median(kinematics.solve(number * TICKS + k) for k in range(TICKS)))
-        ours.append(ticks.tick_us_p50)
-        constrained.append(ticks.constrained_tick_us_p50 / ticks.tick_us_p50)
+        ours.append(ticks["tick_us_p50"])
+        constrained.append(ticks["constrained_tick_us_p50"] / ticks["tick_us_p50"])
         print(
             f"| {number} | {theirs[-1]:.1f} | {ours[-1]:.1f} | {ours[-1] / theirs[-1]:.3f} | "
-            f"{ticks.constrained_tick_us_p50:.1f} | {constrained[-1]:.2f} |",
+            f"{ticks['constrained_tick_us_p50']:.1f} | {constrained[-1]:.2f} |",
             file=sys.stderr, flush=True,
         )  # fmt: skip
     ratio = median(our / their for our, their in zip(ours, theirs, strict=True))
@@ -91,12 +90,10 @@ def beside_mink(rounds: int) -> dict[str, float]:
     return {"rtstack": median(ours), "mink": median(theirs)}
 
 
-def main() -> None:
+def main(rounds: int = 10) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=10)
-    beside_mink(parser.parse_args().rounds)
+    beside_mink(rounds)
 
 
 if __name__ == "__main__":
-    main()
+    program(main)

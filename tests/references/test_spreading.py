@@ -62,6 +62,20 @@ def test_extensions_go_on_with_the_velocity_and_hold_the_feedforward():
         np.testing.assert_allclose(post["rotation"][0], turned, atol=1e-12)
 
 
+def test_how_far_off_the_printed_rotations_would_be():
+    """(19) and (20) as printed multiply from the right, and (20) turns the other way: what docs/departures.md says."""
+    recording = _recording()
+    reference = extend(recording, 0.1)
+    true = recording.points[0]["rotation"]
+    ante, post = reference.ante[0], reference.post[0]
+    printed_ante = true[300] @ pin.exp3(0.1 * ante["twist"][400, 3:])
+    printed_post = true[500] @ pin.exp3(0.1 * post["twist"][400, 3:])
+    off = [float(np.linalg.norm(pin.log3(true[400].T @ printed))) for printed in (printed_ante, printed_post)]
+    speeds = [float(np.linalg.norm(points["twist"][400, 3:])) for points in (ante, post)]
+    assert speeds == pytest.approx([0.648, 0.374], abs=1e-3)
+    assert off == pytest.approx([0.064, 0.075], abs=1e-3)
+
+
 @pytest.mark.parametrize("impact", [50, 100, 950])
 def test_an_impact_at_an_end_is_refused(impact):
     with pytest.raises(ReferenceError, match="record a longer one"):

@@ -7,7 +7,7 @@ import pytest
 
 from rtstack.control.records import POINT
 from rtstack.references.recording import Recording
-from rtstack.references.worth import remarks_on
+from rtstack.trials.extraction import remarks_on
 
 PERIOD_S, IMPACT, TICKS = 1e-3, 1500, 2000
 EXCLUSION_S = 0.06

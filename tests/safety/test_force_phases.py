@@ -6,8 +6,7 @@ from math import nextafter
 import numpy as np
 import pytest
 
-from hal.collisions import CollisionBehaviour
-from hal.limits import COLLISION_TORQUES
+from hal.limits import COLLISION_TORQUES, CollisionBehaviour
 from rtstack.safety.judge import Cause, ForcePhase, Judgement, SafetyJudge
 from rtstack.safety.limits import FORCES_BY_PHASE, HARDWARE, LimitWidened, SafetyLimits
 from rtstack.samples import ARM_SAMPLE

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hal.robots import FR3
 from rtstack.safety.geometry import arm_distance, segment_distance
-from rtstack.safety.judge import Base, Cause, Judgement, SafetyJudge, Tool, pair_of_judges
+from rtstack.safety.judge import Base, Cause, Judgement, SafetyJudge, Tool, judges_of
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
 from tests.support.safety.judge_oracle import distance, nearest
@@ -20,11 +20,10 @@ from tests.support.safety.judge_samples import HOME, arm_sample
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 LEFT, RIGHT = Base((-0.4, 0.5, 0.0)), Base((-0.4, -0.5, 0.0), (0.9, 0.1, 0.2, -0.1))
-CLOSE = 0.9  # m between two bases: the arms' reach overlaps
 
 
 def _pair(limits=HARDWARE, right: Base = RIGHT) -> tuple[SafetyJudge, SafetyJudge]:
-    return pair_of_judges((limits, limits), LEFT, right, (Tool(), Tool()))
+    return judges_of((limits, limits), (LEFT, right), (Tool(), Tool()))
 
 
 def _both(judges, t_ms: int, **fields) -> tuple[Judgement, Judgement]:
@@ -330,7 +329,7 @@ def test_a_judge_has_the_base_the_tool_and_the_profile_that_it_was_given():
     assert rule["face"].tolist() == pytest.approx([0.0, 0.0, 0.607])
     assert rule["reaction"] == 0.004
     for judge, x in zip(
-        pair_of_judges((HARDWARE, HARDWARE), base, Base(), (tool, tool), profile), (1.0, 0.0), strict=True
+        judges_of((HARDWARE, HARDWARE), (base, Base()), (tool, tool), profile), (1.0, 0.0), strict=True
     ):
         rule = judge._rules[0]
         assert (rule["base_position"][0], rule["face"][2], rule["reaction"]) == (x, pytest.approx(0.607), 0.004)

@@ -19,7 +19,7 @@ HELD_TICK = 2500  # the box is up
 
 @pytest.fixture(scope="module")
 def recorded(runner, tmp_path_factory) -> list[Recorded]:
-    """Two good trials; `make good-trials` takes 140, and the demonstrations."""
+    """Two good trials; the study `good_trials` takes 140, and the demonstrations."""
     folder = tmp_path_factory.mktemp("good")
     found = []
     for seed, (controller, displacement_mm) in enumerate(TRIALS):
@@ -77,7 +77,7 @@ def test_a_stop_keeps_hold_of_the_box_without_throwing_it(recorded, cell, stock,
             assert verdict is Judgement.PASS or k >= HELD_TICK
             arm.write(samples[side]["tau_applied"][0])
         if k >= HELD_TICK:
-            heights.append(plant.object_truth()[0][2])
+            heights.append(plant.plant.object_pose()[0][2])
             fastest = max(fastest, float(np.abs(samples["dq"]).max()))
     assert all(judge.stopping for judge in pair)
     assert pair[0].interventions + pair[1].interventions == 1

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.robots import FR3
 from rtstack.cells import default_cell_file
 from rtstack.model.cell_description import load_cell_description

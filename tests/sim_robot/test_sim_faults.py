@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.errors import CommandRejected, RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_names
 from hal.state import ArmState, RobotMode
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import FaultNeedsLink, faults_in, load_faults
-from sim_robot.faults.kinds import KINDS, OF_NO_ARM, WITHOUT_DURATION
+from sim_robot.faults.kinds import KINDS
 from sim_robot.scene import load_scene
 from tests.support.spring_grip import SpringGrip
 
@@ -56,7 +56,7 @@ def carry_on(cell: SimulatedCell, milliseconds: int) -> np.ndarray:
 
 def at(kind: str, at_s: float = 0.1, arm: str = "left", **more) -> dict:
     table = {"kind": kind, "at_s": at_s, **more}
-    return table if KINDS[kind] in OF_NO_ARM else table | {"arm": arm}
+    return table | {"arm": arm} if KINDS[kind].of_an_arm else table
 
 
 def test_a_push_is_felt_while_it_lasts() -> None:
@@ -144,7 +144,7 @@ def test_an_empty_cell_has_no_object_from_the_start_nor_after_somebody_has_tidie
         cell.plant.put_object_back()
         hold(cell, 150)
         assert not cell.tracker.latest().record["seen"][0]
-        assert cell.object_truth()[0][0] > 1.0
+        assert cell.plant.object_pose()[0][0] > 1.0
 
 
 def test_an_object_weighs_what_the_script_says() -> None:
@@ -160,9 +160,9 @@ def test_an_object_weighs_what_the_script_says() -> None:
 @pytest.mark.parametrize("tilt_deg", [15.0, -15.0])
 def test_a_tilted_object_stands_on_its_wedge(tilt_deg: float) -> None:
     cell = faulty_cell({"kind": "object_tilted", "tilt_deg": tilt_deg})
-    begin = cell.object_truth()
+    begin = cell.plant.object_pose()
     hold(cell, 1000)
-    position, (w, x, y, z) = cell.object_truth()
+    position, (w, x, y, z) = cell.plant.object_pose()
     assert np.degrees(2.0 * np.arctan2(x, w)) == pytest.approx(tilt_deg, abs=0.3)
     assert np.hypot(y, z) < 5e-3
     assert position == pytest.approx(begin[0], abs=2e-3)
@@ -179,7 +179,7 @@ def test_the_first_contact_sets_the_time() -> None:
             grip.run(1e-3)
             touching = np.linalg.norm(cell.states["O_F_ext_hat_K"][:, :3], axis=1).max() > 2.0
             first = tick if first is None and touching else first
-            if cell.object_truth()[0][0] > 1.0:
+            if cell.plant.object_pose()[0][0] > 1.0:
                 break
         assert first is not None
         times.append((first, tick))
@@ -306,7 +306,7 @@ OWN = {
 def plant_faults(draw: st.DrawFn) -> dict:
     kind = draw(st.sampled_from(sorted(OWN)))
     table = at(kind, draw(st.floats(0.0, 0.06)), draw(st.sampled_from(["left", "right", "both"])))
-    if KINDS[kind] not in WITHOUT_DURATION and draw(st.booleans()):
+    if KINDS[kind].lasts and draw(st.booleans()):
         table["duration_s"] = draw(st.floats(1e-3, 0.05))
     return table | {key: draw(values) for key, values in OWN[kind].items()}
 

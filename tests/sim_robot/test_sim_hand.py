@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.errors import ConnectionLost, GripperFailed, NoGripper
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.hand import Hand, Order, Outcome
@@ -124,22 +124,22 @@ def lift(one: SimulatedCell) -> None:
 
 def test_what_is_grasped_is_lifted_and_falls_when_the_hand_stops() -> None:
     one, hand = held()
-    start = one.object_truth()[0][2]
+    start = one.plant.object_pose()[0][2]
     lift(one)
-    assert one.object_truth()[0][2] - start > 0.05
+    assert one.plant.object_pose()[0][2] - start > 0.05
     assert hand.is_grasped
     assert carry_out(one, hand.stop()) is Outcome.SUCCESS
     assert not hand.is_grasped
     for _ in range(600):
         one.next_state()
-    assert one.object_truth()[0][2] - start < 0.03
+    assert one.plant.object_pose()[0][2] - start < 0.03
 
 
 def test_what_is_between_fingers_that_do_not_press_stays_on_the_table() -> None:
     one, _ = homed()
-    start = one.object_truth()[0][2]
+    start = one.plant.object_pose()[0][2]
     lift(one)
-    assert one.object_truth()[0][2] == pytest.approx(start, abs=1e-3)
+    assert one.plant.object_pose()[0][2] == pytest.approx(start, abs=1e-3)
 
 
 @pytest.mark.parametrize(("width", "inner", "outer"), [(0.03, 0.005, 0.005), (0.07, 0.005, 0.005), (0.05, 0.0, 0.0)])

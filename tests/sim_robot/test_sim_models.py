@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.errors import CommandRejected
 from hal.robot_errors import error_names
 from hal.robots import FER, FR3, RobotModel, robot

@@ -167,7 +167,7 @@ def test_an_impulse_rings_in_the_joint_torque_and_has_died_out_after_100_ms(kind
         if kind == "torque":
             plant.command(0, np.array([5.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0]) * (tick < 5))
         else:
-            plant.apply_pad_force(0, np.array([20.0, 100.0, 20.0]) * (tick < 5))
+            plant.push(0, np.array([20.0, 100.0, 20.0]) * (tick < 5))
         plant.advance()
         tau_J.append(plant.motors["tau_J"][0].copy())
     early, late = oscillation(np.array(tau_J[5:30])), oscillation(np.array(tau_J[105:130]))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.robots import FR3
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.plant import Plant
@@ -76,7 +76,7 @@ def test_the_estimate_is_late_by_whole_milliseconds():
     for delay_ms in (0, 5):
         cell = _cell(replace(IDEAL, force=replace(IDEAL.force, delay_ms=delay_ms)))
         list(_forces(cell, 100))
-        cell.apply_pad_force(0, np.array([0.0, 0.0, -20.0]))
+        cell.plant.push(0, np.array([0.0, 0.0, -20.0]))
         pushed.append(np.array(list(_forces(cell, 100))))
     assert np.allclose(pushed[1][5:], pushed[0][:-5], atol=1e-6)
     assert np.abs(pushed[1][:5]).max() < 0.1

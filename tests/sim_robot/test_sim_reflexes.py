@@ -68,12 +68,7 @@ def assert_recovers(cell: SimulatedCell) -> None:
 
 @pytest.mark.parametrize(
     "tau",
-    [
-        np.full(7, np.nan),
-        np.full(7, np.inf),
-        np.array([0, 0, 0, 0, 0, 0, 1.001]),
-        np.array([-1.1, 0, 0, 0, 0, 0, 0]),
-    ],
+    [np.full(7, np.nan), np.full(7, np.inf), np.array([0, 0, 0, 0, 0, 0, 1.001]), np.array([-1.1, 0, 0, 0, 0, 0, 0])],
 )
 def test_a_command_that_is_not_finite_or_jumps_is_a_discontinuity(tau: np.ndarray) -> None:
     cell = moving_cell()
@@ -143,7 +138,7 @@ def test_a_joint_torque_beyond_its_range_is_stopped_and_stays_refused_while_it_i
     J = RigidArm(load_scene().pad).jacobian(np.array(load_scene().left.home))
 
     def resist(tick: int) -> np.ndarray:
-        cell.apply_pad_force(0, np.array([0.0, float(tick), 0.0]))
+        cell.plant.push(0, np.array([0.0, float(tick), 0.0]))
         return -J[1] * tick
 
     errors = run_until_rejected(cell, resist)
@@ -151,7 +146,7 @@ def test_a_joint_torque_beyond_its_range_is_stopped_and_stays_refused_while_it_i
     assert_latched(cell, "tau_j_range_violation")
     with pytest.raises(RecoveryRefused, match="tau_j_range_violation"):
         cell.left.recover()
-    cell.apply_pad_force(0, np.zeros(3))
+    cell.plant.push(0, np.zeros(3))
     for _ in range(300):
         with pytest.raises(CommandRejected):
             cell.left.read()

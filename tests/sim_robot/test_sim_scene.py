@@ -7,13 +7,19 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
+from hal.tracker import ObjectPose, TrackerFrames
+from hal.tracker_link import TrackerLink
 from sim_robot.cell import simulated_cell
+from sim_robot.fci.server import TrackerFeed
 from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.profile import Built
 from sim_robot.scene import load_scene
+from tests.support.built_cell import profile
 from tests.support.rigid_arm import RigidArm
 
 GRAB = (files("sim_robot") / "scenes" / "grab.toml").read_text(encoding="utf-8")
@@ -80,10 +86,10 @@ def test_home_puts_the_pads_face_to_face_in_front_of_the_object() -> None:
 @pytest.mark.parametrize("name", sorted(load_scene().objects))
 def test_every_object_stands_still_on_the_table_and_touches_nothing_else(name: str) -> None:
     cell = simulated_cell(name, 0.03, seed=5)
-    start, _ = cell.object_truth()
+    start, _ = cell.plant.object_pose()
     for _ in range(200):
         cell.left.read()
-    position, wxyz = cell.object_truth()
+    position, wxyz = cell.plant.object_pose()
     assert np.abs(position - start)[:2].max() < 1e-4
     assert 0.0 <= start[2] - position[2] < 1e-3  # what it sinks into its own stiffness
     assert abs(wxyz[1]) + abs(wxyz[2]) < 1e-4
@@ -105,7 +111,7 @@ def test_an_object_in_a_pads_place_is_out_of_reach(displacement_m: float) -> Non
 
 def test_an_object_off_the_table_is_out_of_reach(tmp_path: Path) -> None:
     narrow = changed(tmp_path, GRAB, "size_xy = [0.56, 0.8]", "size_xy = [0.56, 0.4]")
-    assert simulated_cell("rice_box", 0.049, seed=0, scene=narrow).object_truth()[0][1] == pytest.approx(
+    assert simulated_cell("rice_box", 0.049, seed=0, scene=narrow).plant.object_pose()[0][1] == pytest.approx(
         0.049, abs=5e-3
     )
     with pytest.raises(ObjectOutOfReach, match=re.escape("allowed are -50 to +50 mm")):
@@ -129,7 +135,7 @@ def test_an_object_that_is_shifted_or_turned_too_far_is_out_of_reach(displacemen
 
 def test_an_object_stands_where_it_is_shifted_and_turned_to() -> None:
     plain, moved = (
-        simulated_cell("rice_box", place, seed=5).object_truth()
+        simulated_cell("rice_box", place, seed=5).plant.object_pose()
         for place in (Displacement(y_m=-0.02), Displacement(0.01, -0.02, np.radians(5.0)))
     )
     assert moved[0] - plain[0] == pytest.approx((0.01, 0.0, 0.0), abs=1e-12)
@@ -157,7 +163,51 @@ def test_a_turned_and_tilted_object_stays_above_the_table() -> None:
 
 
 def test_placement_scatters_by_about_a_millimetre_with_the_seed() -> None:
-    starts = np.array([simulated_cell("rice_box", 0.03, seed).object_truth()[0] for seed in range(30)])
+    starts = np.array([simulated_cell("rice_box", 0.03, seed).plant.object_pose()[0] for seed in range(30)])
     offset = starts[:, :2] - (0.0, 0.03)
     assert 0.6e-3 < offset.std() < 1.5e-3
     assert np.abs(offset.mean(axis=0)).max() < 4 * 1e-3 / np.sqrt(30)
+
+
+def test_a_cell_that_is_built_right_is_the_scene_itself():
+    scene = load_scene()
+    assert Built().scene(scene) is scene
+
+
+def test_bases_stand_elsewhere_and_sides_are_exchanged(tmp_path: Path):
+    built: dict[str, object] = {"left_mm": [20.0, -10.0, 5.0], "left_deg": [0.0, 0.0, 3.0]}
+    straight = simulated_cell("none", 0.0, 1).plant.data
+    moved = simulated_cell("none", 0.0, 1, profile=str(profile(tmp_path / "moved.toml", built))).plant.data
+    away = moved.body("left_link0").xpos - straight.body("left_link0").xpos
+    np.testing.assert_allclose(away, [0.02, -0.01, 0.005], atol=1e-12)
+    turn = moved.body("left_link0").xmat.reshape(3, 3) @ straight.body("left_link0").xmat.reshape(3, 3).T
+    np.testing.assert_allclose(Rotation.from_matrix(turn).as_rotvec(degrees=True), [0.0, 0.0, 3.0], atol=1e-9)
+    np.testing.assert_array_equal(moved.body("right_link0").xpos, straight.body("right_link0").xpos)
+    other = simulated_cell("none", 0.0, 1, profile=str(profile(tmp_path / "other.toml", {"swapped": True}))).plant.data
+    np.testing.assert_array_equal(other.body("left_link0").xpos, straight.body("right_link0").xpos)
+
+
+def test_a_tracker_in_another_frame_is_placed_by_the_cells_file_and_is_refused_in_this_process(tmp_path: Path):
+    built = Built(tracker_mm=(300.0, -400.0, 50.0), tracker_deg=(10.0, -20.0, 90.0), pivot_mm=(60.0, -30.0, 90.0))
+    truth = ObjectPose.empty()
+    truth.record["t_ns"], truth.record["seen"] = 5, 1
+    truth.position[:] = (0.01, 0.02, 0.3)
+    truth.orientation_wxyz[:] = Rotation.from_euler("z", 0.4).as_quat(scalar_first=True)
+
+    class Seeing:
+        def latest(self) -> ObjectPose:
+            return truth
+
+    w, x, y, z = Rotation.from_rotvec(built.tracker_deg, degrees=True).as_quat(scalar_first=True).tolist()
+    link = TrackerLink(frames=TrackerFrames("z", (0.3, -0.4, 0.05), (w, x, y, z), (-0.06, 0.03, -0.09)))
+    feed = TrackerFeed(built.tracker(Seeing()), link.address)
+    feed.publish(5, 5)
+    pose = link.latest()
+    np.testing.assert_allclose(pose.position, truth.position, atol=1e-12)
+    np.testing.assert_allclose(np.abs(pose.orientation_wxyz @ truth.orientation_wxyz), 1.0, atol=1e-12)
+    feed.close()
+    link.close()
+    file = profile(tmp_path / "tracker.toml", {"tracker_mm": [1.0, 0.0, 0.0]})
+    with pytest.raises(ConfigurationError, match="lockstep, realtime"):
+        simulated_cell("none", 0.0, 1, profile=str(file))
+    assert Built(left_mm=(1.0, 0.0, 0.0)).tracker(seeing := Seeing()) is seeing

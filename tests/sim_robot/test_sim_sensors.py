@@ -36,7 +36,7 @@ def test_a_known_force_on_the_pad_appears_within_five_percent(side: int, axis: i
     """Positive where the robot pushes the environment: the opposite of what pushes the pad."""
     cell = simulated_cell("rice_box", 0.0, seed=2)
     force = newton * np.eye(3)[axis]
-    cell.apply_pad_force(side, force)
+    cell.plant.push(side, force)
     mean = wrenches(cell, 400)[200:].mean(axis=0)
     assert np.linalg.norm(mean[side, :3] + force) < 0.05 * 20.0
     assert np.linalg.norm(mean[side, 3:]) < 0.05 * 20.0 * 0.1
@@ -51,7 +51,7 @@ def test_the_wrench_is_along_the_axes_of_a_turned_base(tmp_path: Path) -> None:
     turned.write_text(text.replace(old, new, 1), encoding="utf-8")
     cell = simulated_cell("rice_box", 0.0, seed=2, scene=turned)
     force = np.array([20.0, 5.0, 0.0])
-    cell.apply_pad_force(0, force)
+    cell.plant.push(0, force)
     mean = wrenches(cell, 400)[200:, 0, :3].mean(axis=0)
     c, s = np.cos(2.0 * half), np.sin(2.0 * half)
     in_base = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ force
@@ -61,7 +61,7 @@ def test_the_wrench_is_along_the_axes_of_a_turned_base(tmp_path: Path) -> None:
 def test_the_force_rises_with_the_time_constant_of_30_hz() -> None:
     cell = nominal_cell("rice_box")
     wrenches(cell, 10)
-    cell.apply_pad_force(0, np.array([0.0, 20.0, 0.0]))
+    cell.plant.push(0, np.array([0.0, 20.0, 0.0]))
     rise = -wrenches(cell, 50)[:, 0, 1] / 20.0
     assert rise[4] == pytest.approx(1.0 - np.exp(-2.0 * np.pi * 30.0 * 5e-3), abs=0.02)
 
@@ -75,7 +75,7 @@ def test_near_a_singularity_the_wrench_is_unknown() -> None:
     data.qpos[:7] = stretched
     singular = np.linalg.svd(RigidArm(load_scene().pad).jacobian(stretched), compute_uv=False)
     assert singular.min() < 0.08
-    cell.apply_pad_force(0, np.array([0.0, 0.0, 5.0]))
+    cell.plant.push(0, np.array([0.0, 0.0, 5.0]))
     assert not wrenches(cell, 5)[-1, 0].any()
     assert np.abs(cell.states["tau_ext_hat_filtered"][0]).max() > 0.1
 
@@ -83,7 +83,7 @@ def test_near_a_singularity_the_wrench_is_unknown() -> None:
 def test_the_pose_and_the_wrench_use_the_nominal_kinematics() -> None:
     cell = simulated_cell("rice_box", 0.0, seed=3)
     arm = RigidArm(load_scene().pad)
-    cell.apply_pad_force(0, np.array([5.0, 10.0, -5.0]))
+    cell.plant.push(0, np.array([5.0, 10.0, -5.0]))
     for _ in range(100):
         state = cell.left.read()
     pose, wrench = state.O_T_EE, state.O_F_ext_hat_K
@@ -153,5 +153,5 @@ def test_the_tracker_sees_the_object_at_250_hz() -> None:
         assert np.linalg.norm(pose.orientation_wxyz) == pytest.approx(1.0)
     assert np.array_equal(np.unique(times), np.arange(0, 400, 4) * 1_000_000)
     frames = np.array(positions)[::4]
-    assert frames.mean(axis=0) == pytest.approx(cell.object_truth()[0], abs=2e-4)
+    assert frames.mean(axis=0) == pytest.approx(cell.plant.object_pose()[0], abs=2e-4)
     assert frames[20:].std(axis=0) == pytest.approx(np.full(3, 1e-4), rel=0.3)

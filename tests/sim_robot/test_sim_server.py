@@ -106,11 +106,11 @@ def test_nothing_is_compiled_once_the_clock_runs(server: Server) -> None:
         left.handle(Command.STOP_MOVE, 1, ())
         thresholds = np.concatenate([[5.0] * 7, [80.0] * 7] * 2 + [[5.0] * 6, [20.0] * 6] * 2)
         left.handle(Command.SET_COLLISION_BEHAVIOR, 1, tuple(thresholds))
-        server.cell.apply_pad_force(0, np.array([0.0, 0.0, 30.0]))
+        server.cell.plant.push(0, np.array([0.0, 0.0, 30.0]))
         left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
         advance(server, 60)
         assert "cartesian_reflex" in left.box.error_names
-        server.cell.apply_pad_force(0, np.zeros(3))
+        server.cell.plant.push(0, np.zeros(3))
         advance(server, 500)
         left.handle(Command.AUTOMATIC_ERROR_RECOVERY, 1, ())
         advance(server, 2)
@@ -146,12 +146,12 @@ def test_a_push_that_lasts_refuses_the_recovery(server: Server) -> None:
     thresholds = np.concatenate([[8.0] * 7, [80.0] * 7] * 2 + [[8.0] * 6, [20.0] * 6] * 2)
     left.handle(Command.SET_COLLISION_BEHAVIOR, 1, tuple(thresholds))
     left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
-    server.cell.apply_pad_force(0, np.array([0.0, 0.0, 30.0]))
+    server.cell.plant.push(0, np.array([0.0, 0.0, 30.0]))
     advance(server, 600)  # until then the arm may still come to rest
     assert errors(left) == ("cartesian_reflex",)
     assert wire["cartesian_contact"].max() == wire["cartesian_collision"].max() == 1.0
     assert_recovery(server, refused=True)
-    server.cell.apply_pad_force(0, np.zeros(3))
+    server.cell.plant.push(0, np.zeros(3))
     advance(server, 500)
     assert wire["cartesian_contact"].max() == 0.0
     assert wire["cartesian_collision"].max() == 1.0  # latched

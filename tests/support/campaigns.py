@@ -16,6 +16,19 @@ RTSTACK = str(Path(sys.executable).parent / "rtstack")
 PATIENCE_S = 280.0  # for a step that takes seconds, on a machine that is busy
 
 
+def two_controllers(path: Path, displacement_mm: float) -> Path:
+    """Write the plan of two trials of Figure 11, one of each of two controllers, so that there is a figure to draw."""
+    text = plan_file("reference-spreading").path.read_text()
+    head = text[: text.index("[[experiments]]")]
+    before, _, after = head.partition("controllers = [")
+    head = f'{before}controllers = ["no_interim", "proposed"]{after[after.index("]") + 1 :]}'
+    place = f"displacements_mm = [{displacement_mm}]"
+    path.write_text(
+        f'{head}[[experiments]]\nname = "figure11"\nreferences = ["rice_box/0"]\n{place}\nrepetitions = 1\n'
+    )
+    return path
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """The campaign's command line. `run` waits for its end."""

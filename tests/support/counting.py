@@ -1,16 +1,16 @@
 """The smallest experiment there is: numbers that are counted, and one stage before them."""
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, load_toml
-from rtstack.experiments.claims import Claim, verdict_of
+from hal.base.configuration import STRICT, load_toml
+from rtstack.experiments.claims import verdict_of
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table
+from rtstack.experiments.registration import Finding, PlannedClaim, Registration, check_claims, judged
 from rtstack.experiments.report import Report, Section
 
 PLAN = """kind = "counting"
@@ -29,6 +29,8 @@ class Counting:
     title: str
     numbers: tuple[int, ...]
     quick: bool = False
+    claims: tuple[PlannedClaim, ...] = (PlannedClaim("even", "1", "some are even"),)
+    registration: Registration | None = None
 
     def size(self) -> int:
         """Return how many numbers there are."""
@@ -61,17 +63,27 @@ def count(out: Path, number: int) -> list[Row]:
     return [{"id": Number(number).id, "number": number, "even": number % 2 == 0, "ticks": 1000}]
 
 
+def even(rows: Sequence[Row], _at: object) -> Finding:
+    """Judge that some numbers are even."""
+    return Finding(f"{sum(row['even'] for row in rows)} of {len(rows)}", verdict_of(any(row["even"] for row in rows)))
+
+
+JUDGES = {"even": even}
+
+
 class CountingExperiment(Experiment[Counting, Number]):
     """Counts."""
 
     def __init__(self, specification: Counting, request: Request) -> None:
         columns = {"number": int, "even": bool, "ticks": int}
-        super().__init__(specification, request, columns, [request.file.path])
+        super().__init__(specification, request, columns)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Counting:
         """See Experiment."""
-        return load_toml(path, Counting)
+        counting = load_toml(path, Counting)
+        check_claims(path, counting.claims, JUDGES)
+        return counting
 
     def stages(self) -> Stages:
         """Make what the numbers need."""
@@ -90,7 +102,7 @@ class CountingExperiment(Experiment[Counting, Number]):
     def report(self, results: Results) -> Report:
         """Return a generic table and figure, and a claim."""
         rows = results.rows
-        claim = Claim("1", "some are even", str(os.getpid() > 0), verdict_of(any(row["even"] for row in rows)))
         table = mean_table("Numbers", rows, ("even",), {"number": "mean number"})
         figure = mean_figure("numbers.png", "The numbers.", rows, "number", "even", "number", "number")
-        return Report([Section("all", [claim], [table], [figure])])
+        claims = judged(self.specification.claims, JUDGES, rows)
+        return Report([Section("all", claims, [table], [figure])])

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Release
+from rtstack.loop.mailbox import TARGET, Mailbox, Release
 from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.references.demonstration import end_effector_pose
@@ -29,7 +28,7 @@ class Hand:
         self.orientations = np.zeros((2, 4))
         self.ms = -1
         arms = arm_controllers(cell, default_parameters())
-        for k, mounting in enumerate((cell.left, cell.right)):
+        for k, mounting in enumerate(cell.arms):
             _, rotation = end_effector_pose(arms[k].model, np.array(mounting.home))
             quaternion_from_rotation(np.ascontiguousarray(rotation), self.orientations[k])
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import pytest
 
-from hal.files import locked, write_whole
+from hal.base.files import locked, write_whole
 
 Made = TypeVar("Made")
 

@@ -16,6 +16,8 @@ ANTE_IMPACT, INTERIM, POST_IMPACT, STOPPING = 2, 3, 4, 5  # rtstack.Mode in the 
 # Appendix B of the paper, with the values of its experiments: N, N, m/s, ticks
 FORCE_LOW, FORCE_HIGH, APPROACH, WINDOW = 4.0, 5.0, 0.025, 200
 STIFFNESS = 2000.0  # Table I of the paper, N/m
+UNCONSTRAINED = 1  # rtstack.QpStatus in the log's own descriptors
+MOST_STEP = 0.9998  # Nm a tick, docs/limits.md
 TAU_MAX = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])  # Nm, the FR3's data sheet
 SIDES = ("left", "right")
 
@@ -41,11 +43,17 @@ class Log:
                     rows[channel.topic].append((message.log_time, np.concatenate([np.array(v) for v in values])))
                 else:
                     values = np.concatenate(
-                        [[decoded.mode], decoded.wrench_desired, decoded.pose_ref, decoded.wrench_ff]
+                        [
+                            [decoded.mode],
+                            decoded.wrench_desired,
+                            decoded.pose_ref,
+                            decoded.wrench_ff,
+                            [decoded.beta, decoded.qp_status],
+                        ]
                     )
                     rows[channel.topic].append((message.log_time, values))
         self.cell = tomllib.loads(attached["cell.toml"].decode())
-        self.urdf = ElementTree.fromstring(attached["fr3.urdf"])
+        self.urdf = ElementTree.fromstring(next(data for name, data in attached.items() if name.endswith(".urdf")))
         self.pose_ns, self.pose = np.array(self.pose_ns, np.int64), np.array(pose).reshape(-1, 7)
         self.t_ns = np.array([t for t, _ in rows["/left/arm"]], np.int64)
         self.t_s = (self.t_ns - self.t_ns[0]) * 1e-9
@@ -60,6 +68,7 @@ class Log:
         self.push = arm[:, :, 51:57]
         self.mode = control[0, :, 0].astype(int)
         self.wrench, self.pose_ref, self.wrench_ff = control[:, :, 1:7], control[:, :, 7:14], control[:, :, 14:20]
+        self.beta, self.qp_status = control[:, :, 20], control[:, :, 21].astype(int)
 
     def mounting(self, arm: int) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (3, 3) and place (3,) of an arm's base in the world."""
@@ -115,23 +124,24 @@ def detection(log: Log) -> int | None:
     return min(hits, default=None)
 
 
-def geometry(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Height along y of the pads' faces and their gaps to the object, (2, n), m in the world."""
+def geometry(log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Place along y of the pads' faces, their gaps to the object, and how far they rose beyond it, (2, n), m."""
     size = log.cell["objects"][log.about["trial"]["object"]]["size"]
     w, x, y, z = log.pose[:, 3:].T
     seen = np.column_stack([log.pose[:, :3], 2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
     seen[:20] = np.median(seen[:20], axis=0)
     at = np.column_stack([np.interp(log.t_ns, log.pose_ns, column) for column in seen.T])
-    face_y, gap = [], []
+    face_y, gap, slip = [], [], []
     for arm in range(2):
         R, place = log.mounting(arm)
         position = log.T[arm, :, :3, 3] @ R.T + place
+        slip.append((position[:, 2] - position[0, 2]) - (at[:, 2] - at[0, 2]))
         tilt = np.einsum("ni,nij->nj", at[:, 3:], R @ log.T[arm, :, :3, :3])[:, :2]
         reach = np.abs(tilt) @ (np.array(log.cell["pad"]["size"][:2]) / 2)
         distance = np.abs(np.einsum("ni,ni->n", at[:, 3:], position - at[:, :3]))
         face_y.append(position[:, 1])
         gap.append(distance - size[1] / 2 - reach)
-    return np.array(face_y), np.array(gap)
+    return np.array(face_y), np.array(gap), np.array(slip)
 
 
 def first(condition: np.ndarray) -> int | None:
@@ -175,7 +185,7 @@ def recompute(path: Path, criterion: dict[str, float]) -> dict[str, float | bool
         "nominal_impact_time_s": nominal_s,
         "detected_impact_time_s": None if detected is None else t_s[detected],
     }
-    face_y, gap = geometry(log)
+    face_y, gap, slip = geometry(log)
     contacts = [first(gap[arm] <= 0.0) for arm in range(2)]
     ticks = sorted(tick for tick in contacts if tick is not None)
     contact = ticks[0] if ticks else None
@@ -195,32 +205,62 @@ def recompute(path: Path, criterion: dict[str, float]) -> dict[str, float | bool
         out["delay_peak_velocity_share"] = (
             (feedback[top] - feedback[contact]) / change if abs(change) > 1e-6 else None
         )  # fmt: skip
-    steps = np.zeros(len(t_s))
+    hit = 0 if displacement > 0.0 else 1
+    steps, other = np.zeros(len(t_s)), np.zeros(len(t_s))
     steps[1:] = np.linalg.norm(np.diff(log.wrench, axis=1), axis=(0, 2))
+    other[1:] = np.linalg.norm(np.diff(log.wrench[1 - hit], axis=0), axis=1)
     earlier = nominal_s if detected is None else min(nominal_s, t_s[detected])
     around = (t_s > earlier - 0.05) & (t_s < nominal_s + 0.3) & moving
     largest = int(np.argmax(np.where(around, steps, 0.0))) if around.any() else None
     out["largest_step"] = None if largest is None else steps[largest]
+    out["largest_step_other"] = other[around].max() if around.any() else None
+    out["posture_peak"] = np.abs(log.beta[hit][window]).max() if window.any() else None
+    out["limited_ticks"] = float(((log.qp_status != UNCONSTRAINED).any(axis=0) & moving).sum())
+    out["rate_limited_ticks"] = float(
+        ((np.abs(np.diff(log.tau_desired, axis=1)) >= MOST_STEP - 1e-9).any(axis=(0, 2)) & moving[1:]).sum()
+    )
     out["largest_step_ms"] = None if largest is None else 1e3 * (t_s[largest] - nominal_s)
     for name, which in (("step_to_interim", INTERIM), ("step_to_post", POST_IMPACT)):
         tick = first(mode == which)
         out[name] = None if tick is None else steps[tick]
     begin, end = first(mode == INTERIM), first(mode == POST_IMPACT)
     out["interim_ms"] = None if begin is None or end is None else 1e3 * (t_s[end] - t_s[begin])
-    out["settled_ms"] = settled_ms(t_s, gap, contact)
+    out["settled_ms"], out["slip_mm"] = settled(t_s, slip, contact)
+    out["lost_ms"] = lost_ms(log, contact)
     swing = (t_s >= nominal_s) & (t_s < nominal_s + 0.15) & moving
-    arm = 0 if displacement > 0.0 else 1
-    velocity = np.zeros(len(t_s))
-    velocity[2:-2] = (face_y[arm, 4:] - face_y[arm, :-4]) / (1e-9 * (log.t_ns[4:] - log.t_ns[:-4]))
-    out["swing_m_s"] = np.ptp(velocity[swing]) if swing.sum() > 1 else None
+    for name, arm in (("swing_m_s", hit), ("swing_other_m_s", 1 - hit)):
+        velocity = np.zeros(len(t_s))
+        velocity[2:-2] = (face_y[arm, 4:] - face_y[arm, :-4]) / (1e-9 * (log.t_ns[4:] - log.t_ns[:-4]))
+        out[name] = np.ptp(velocity[swing]) if swing.sum() > 1 else None
     return out
 
 
-def settled_ms(t_s: np.ndarray, gap: np.ndarray, contact: int | None) -> float | None:
-    """Time from the first contact until both pads are on the object for good, None where not within 0.5 s."""
+def settled(t_s: np.ndarray, slip: np.ndarray, contact: int | None) -> tuple[float | None, float | None]:
+    """Time from the first contact until the slip stays within 1 mm of where it is 0.5 s later, and that slip in mm.
+
+    The time is None where the slip still changes in the last 50 ms, both are None where the log ends before.
+    """
+    if contact is None or t_s[-1] - t_s[contact] < 0.5:
+        return None, None
+    since = t_s - t_s[contact]
+    soon = (since >= 0.0) & (since <= 0.5)
+    some, when = slip[:, soon], since[soon]
+    off = np.flatnonzero((np.abs(some - some[:, -1:]) > 1e-3).any(axis=0))
+    last = when[off[-1]] if len(off) else 0.0
+    return (1e3 * last if last < 0.45 else None), 1e3 * (some[:, -1] - some[:, 0]).max()
+
+
+def lost_ms(log: Log, contact: int | None) -> float | None:
+    """For how long a pad felt less than 4 N in the 0.5 s after both had felt 5 N, the longer of both, ms."""
     if contact is None:
         return None
-    soon = (t_s >= t_s[contact]) & (t_s <= t_s[contact] + 0.5)
-    apart = np.flatnonzero((gap > 5e-4).any(axis=0) & soon)
-    after_ms = 1e3 * (t_s[apart[-1]] - t_s[contact]) if len(apart) else 0.0
-    return after_ms if after_ms < 498.5 else None
+    felt, norms = [], []
+    for arm in range(2):
+        force = log.push[arm, :, :3]
+        norms.append(np.linalg.norm(force - force[max(0, contact - 50)], axis=1))
+        felt.append(first(norms[-1][contact:] > FORCE_HIGH))
+    if None in felt:
+        return None
+    since = log.t_s - log.t_s[contact + max(felt)]
+    soon = (since >= 0.0) & (since <= 0.5)
+    return 1e3 * max(np.mean(norm[soon] < FORCE_LOW) for norm in norms) * np.ptp(log.t_s[soon])

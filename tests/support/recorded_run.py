@@ -8,7 +8,7 @@ the first one of any other field.
 import os
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,26 +16,26 @@ from numpy.typing import NDArray
 
 from hal.cell import Cell
 from hal.tracker import OBJECT_POSE
+from rtstack.control.records import POINT
 from rtstack.loop.history import Columns
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.logged_cell import LoggedStop, logged_cell
 from rtstack.playback.replay import OURS
+from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, TIMING_SAMPLE, Reaction
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import RunSamples
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import (
-    DemonstrationSpecification,
-    TeleoperationSpecification,
-    TrialSpecification,
-)
+from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.trial import prepare_trial, run_trial
 from tests.support.hand import JOB, Hand
 
 FOLDER = Path(__file__).resolve().parents[1] / "playback/recorded"
 STATES = ("q", "dq", "tau_J", "tau_J_d", "tau_ext_hat_filtered", "O_F_ext_hat_K")
+REFERENCE = FOLDER / "reference.npz"
+PARTS = ("ante", "post")
 RENEW = "python -m tests.programs.record_runs"
 TORQUES = 7
 
@@ -61,6 +61,7 @@ def _trial(controller: str, **options) -> Callable[[Path, CellDescription], Star
     def made(reference: Path, description: CellDescription) -> Start:
         specification = TrialSpecification(str(reference), controller, seed=4, **options)
         prepared = prepare_trial(specification, description)
+        prepared = replace(prepared, reference=as_recorded(prepared.reference))
         return lambda cell, context: run_trial(prepared, cell, context)
 
     return made
@@ -120,6 +121,41 @@ KINDS = (
 )
 
 
+def kept_reference(reference: ExtendedReference, ticks: int) -> dict[str, NDArray]:
+    """Return the arrays of the reference's file, as float32: a demonstration that is simulated on another kind of
+    processor differs in its eighth digit.
+    """
+    expected = reference.impact
+    assert expected is not None
+    arrays = {
+        f"{part}_{name}": getattr(reference, part)[name][:, :ticks] for part in PARTS for name in POINT.names or ()
+    }
+    arrays |= {"dq_post": expected.dq_post[:, :ticks], "net_force": expected.net_force[:ticks]}
+    arrays |= {"q_d": expected.q_d, "dq_ante": expected.dq_ante}
+    times = [reference.nominal_impact_s, reference.release_s, expected.t_d_s, expected.set_down_s, expected.release_s]
+    return {name: values.astype(np.float32) for name, values in arrays.items()} | {"times_s": np.array(times)}
+
+
+def as_recorded(reference: ExtendedReference) -> ExtendedReference:
+    """Return the reference with what the recorded runs have followed of it."""
+    assert reference.impact is not None
+    ante, post = reference.ante.copy(), reference.post.copy()
+    dq_post, net_force = np.array(reference.impact.dq_post), np.array(reference.impact.net_force)
+    with np.load(REFERENCE) as kept:
+        for points, part in ((ante, "ante"), (post, "post")):
+            for name in POINT.names or ():
+                values = kept[f"{part}_{name}"]
+                points[name][:, : values.shape[1]] = values
+        dq_post[:, : kept["dq_post"].shape[1]] = kept["dq_post"]
+        net_force[: len(kept["net_force"])] = kept["net_force"]
+        nominal_s, release_s, t_d_s, set_down_s, let_go_s = kept["times_s"].tolist()
+        impact = replace(
+            reference.impact, t_d_s=t_d_s, q_d=kept["q_d"].astype(float), dq_ante=kept["dq_ante"].astype(float),
+            dq_post=dq_post, net_force=net_force, set_down_s=set_down_s, release_s=let_go_s,
+        )  # fmt: skip
+    return replace(reference, ante=ante, post=post, nominal_impact_s=nominal_s, release_s=release_s, impact=impact)
+
+
 def saved(columns: Columns, ticks: int) -> dict[str, NDArray]:
     """Return the arrays of a recorded run's file."""
     arm, control = columns.arm[:, :ticks], columns.control[:, :ticks]
@@ -161,9 +197,9 @@ def replayed(kind: Kind, file: Path, reference: Path, description: CellDescripti
         arm["t_ns"] = np.arange(ticks) * 1_000_000
         control["mode"] = kept["mode"]
         columns = Columns(arm, control, np.zeros(ticks, TIMING_SAMPLE), np.zeros(0, OBJECT_POSE))
-        cell, left = logged_cell("direct", columns)
+        cell = logged_cell("direct", columns)
         samples = RunSamples(file)
-        stop = LoggedStop(columns, left) if kind.stop is not None else None
+        stop = LoggedStop(columns) if kind.stop is not None else None
         kind.start(reference, description)(cell, RunContext(samples, stop=stop))
         assert samples.columns is not None
         now = outputs(samples.columns.arm[:, :ticks], samples.columns.control[:, :ticks])

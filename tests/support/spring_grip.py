@@ -19,7 +19,7 @@ class SpringGrip:
         self._cell = cell
         self._travel = 0.2 + press_n / STIFFNESS[1, 1]
         self._arm = RigidArm(load_scene().pad)
-        self._start = [self._arm.pose(arm.read().q) for arm in (cell.left, cell.right)]
+        self._start = [self._arm.pose(arm.read().q) for arm in cell.arms]
         self._tau = np.zeros((2, 7))
         self.time_s = 0.0
 
@@ -27,11 +27,11 @@ class SpringGrip:
         """Tick both arms; return the object's position, ms by ms, (n, 3)."""
         cell, positions = self._cell, []
         for _ in range(round(seconds * 1e3)):
-            for side, (arm, inwards) in enumerate(((cell.left, -1.0), (cell.right, 1.0))):
+            for side, (arm, inwards) in enumerate(zip(cell.arms, (-1.0, 1.0), strict=True)):
                 state = arm.read()
                 arm.write(self._torque(side, inwards, state.q, state.record["dq"][0]))
             self.time_s += 1e-3
-            positions.append(cell.object_truth()[0])
+            positions.append(cell.plant.object_pose()[0])
         return np.array(positions)
 
     def _torque(self, side: int, inwards: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

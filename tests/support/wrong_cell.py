@@ -5,10 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rtstack.calibration.fit import Geometry, Observation
+from rtstack.calibration.fit import Geometry, Observation, calibrate
 from rtstack.calibration.points import Point, nominal_geometry
+from rtstack.cells import load_description
 from rtstack.model.arm_model import flange_pose
 from rtstack.model.cell_description import CellDescription
+
+SWAPS = ("labels", "joints", "led")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +42,9 @@ def built(description: CellDescription, rng: np.random.Generator, how: Wrongness
     return Geometry(
         np.array([_moved(T, rng, how.base_m, how.base_rad) for T in file.bases]),
         _moved(file.tracker, rng, how.tracker_m, how.tracker_rad),
-        file.faces + rng.uniform(-how.pad_m, how.pad_m, (2, 3)),
-        rng.uniform(-how.marker_m, how.marker_m, (2, 3)) + (0.0, 0.0, 0.05),
+        file.faces + rng.uniform(-how.pad_m, how.pad_m, file.faces.shape),
+        rng.uniform(-how.marker_m, how.marker_m, file.faces.shape) + (0.0, 0.0, 0.05),
+        file.sides,
     )
 
 
@@ -49,15 +53,15 @@ def measured(
     tracked: bool = True,
 ) -> list[Observation]:  # fmt: skip
     """Return what is measured there: `poses` places that each pad touches, and a marker on each flange meanwhile."""
-    mountings = (description.left, description.right)
+    mountings = description.arms
     points = []
     for k in range(poses):
-        turns = rng.uniform(-how.turn_rad, how.turn_rad, (2, 7))
+        turns = rng.uniform(-how.turn_rad, how.turn_rad, description.home.shape)
         flanges = np.array([flange_pose(m.robot, np.array(m.home) + q) for m, q in zip(mountings, turns, strict=True)])
         pads = real.pads(flanges[None])[0]
         markers = replace(real, faces=real.markers).pads(flanges[None])[0]
         seen = np.linalg.inv(real.tracker)
-        for side, name in enumerate(("left", "right")):
+        for side, name in enumerate(description.sides):
             place = pads[side] + how.noise_m * rng.standard_normal(3)
             points.append(Observation(f"{name} {k + 1}", "touch", side, flanges, place))
             if tracked:
@@ -69,14 +73,14 @@ def measured(
 def touched_points(description: CellDescription, real: Geometry, noise_m: float) -> dict[str, Point]:
     """Return a file's points: twelve places that each pad touches in a cell that really is so."""
     rng, points = np.random.default_rng(0), {}
-    mountings = (description.left, description.right)
+    mountings = description.arms
     for k in range(12):
-        q = np.array([arm.home for arm in mountings]) + rng.uniform(-0.45, 0.45, (2, 7))
-        left, right = (tuple(row) for row in q.tolist())
+        q = description.home + rng.uniform(-0.45, 0.45, description.home.shape)
+        joints = {f"q_{side}": tuple(row) for side, row in zip(description.sides, q.tolist(), strict=True)}
         flanges = np.array([flange_pose(arm.robot, row) for arm, row in zip(mountings, q, strict=True)])
-        pads = real.pads(flanges[None])[0] + noise_m * rng.standard_normal((2, 3))
-        for side, place in zip(("left", "right"), pads.tolist(), strict=True):
-            points[f"{side}-{k}"] = Point("touch", side, tuple(place), left, right)
+        pads = real.pads(flanges[None])[0] + noise_m * rng.standard_normal((len(mountings), 3))
+        for side, place in zip(description.sides, pads.tolist(), strict=True):
+            points[f"{side}-{k}"] = Point("touch", side, tuple(place), **joints)  # pyright: ignore[reportArgumentType]
     return points
 
 
@@ -114,3 +118,18 @@ def with_bad_point(points: list[Observation], rng: np.random.Generator) -> tuple
     bad = points[index]
     place = bad.place + rng.uniform(0.006, 0.06) * away / np.linalg.norm(away)
     return [*points[:index], replace(bad, place=place), *points[index + 1 :]], bad.name
+
+
+def accuracy(seed: int, how: Wrongness, tracked: bool) -> dict[str, float]:
+    """Calibrate the cell of a seed. Return its errors, and whether (0 or 1) what was stated covers the truth."""
+    description, rng = load_description(None)[0], np.random.default_rng(seed)
+    real = built(description, rng, how)
+    points = measured(description, real, rng, how, tracked=tracked)
+    fit = calibrate(points, nominal_geometry(description))
+    at, turn, place = off(fit.geometry, real, points)
+    low, high = fit.rms_interval_m
+    return {
+        "base_m": float(np.median(at)), "base_rad": float(np.median(turn)), "place_m": place,
+        "stated_m": fit.place_m, "covered": float(place <= fit.place_m),
+        "spread": float(low <= np.sqrt(3.0) * how.noise_m <= high), "none_wrong": float(not fit.wrong),
+    }  # fmt: skip

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.cells import load_description
 from rtstack.model.arm_model import flange_pose
 from rtstack.model.cell_description import base_poses

@@ -5,24 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from learned_grab.demonstrations import run_watched
+from learned_grab.scripted import scripted_way
 
 from hal.displacement import Displacement
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET
+from rtstack.loop.mailbox import TARGET, Mailbox
 from rtstack.model.arm_model import ArmModel
-from rtstack.papers.learned_grab.demonstrations import run_watched
-from rtstack.papers.learned_grab.scripted import scripted_way
 from rtstack.samples import Mode
 from rtstack.teleoperation.policy import Chunk, pad_pose
-from rtstack.trials.policy import run_policy
-from rtstack.trials.policy_host import PolicyHost
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification
-from rtstack.trials.teleoperation import run_teleoperation
+from rtstack.trials.teleoperation import PolicyHost, run_policy, run_teleoperation
 
 JOB = 5
 QUIET_MS = 300 + 50 + 2  # of CLUTCH_S, the time between two answers, and the reaction
@@ -163,7 +160,7 @@ def test_a_flood_of_answers_is_one_answer_a_tick_and_those_without_the_lease_are
     def script(ms, hand):
         for lease in (1, 7):
             chunk = Chunk(0.05, np.repeat(np.array([[[0, 0.3, 0.4, 1, 0, 0, 0]] * 2], float), 3, axis=0)).record(
-                (None, None), 0
+                {"left": None, "right": None}, 0
             )
             chunk["job"], chunk["lease"], chunk["observed_ns"] = JOB, lease + 10 * (ms % 2), hand.clock()
             for _ in range(50):

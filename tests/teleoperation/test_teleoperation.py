@@ -10,8 +10,7 @@ import pytest
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import Release
+from rtstack.loop.mailbox import Mailbox, Release
 from rtstack.safety.limits import control_limits
 from rtstack.samples import Mode, QpStatus
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
@@ -19,9 +18,10 @@ from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
-from rtstack.trials.tightening import safety_limits
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.tightening import limits_of_arms
+from rtstack.trials.trial import prepare_trial
 from tests.support.hand import BEAT_MS, JOB, START, Hand
+from tests.support.runs import attempt
 
 DEAD_MAN_MS = 350
 
@@ -70,7 +70,7 @@ def test_the_log_has_what_was_asked_on_which_picture_and_when(teleoperate):
     assert len(hand) == 500 // BEAT_MS  # the last one came with the end
     assert (np.diff(hand["t_ns"]) == BEAT_MS * 1_000_000).all()
     np.testing.assert_allclose(hand["asked_left"][:, :3], np.tile(START[0] + (0.0, 0.0, 0.05), (len(hand), 1)))
-    # the guide's watchdog asks before this one: a command is applied a tick after it was written
+    # the source's watchdog asks before this one: a command is applied a tick after it was written
     ages = [hand[name][1:] - hand["came_us"][1:] for name in ("made_us", "picture_us", "seen_us")]
     np.testing.assert_allclose(ages, np.repeat([[2e3], [80e3], [50e3]], len(hand) - 1, axis=1))
     assert set(hand["picture"]) == {7}
@@ -121,8 +121,7 @@ def test_nothing_moves_before_the_clutch_is_held_nor_by_targets_of_another_job(t
 
 
 @pytest.mark.parametrize(
-    ("cause", "end"),
-    [("released", End.RELEASED), ("hidden", End.RELEASED), ("silence", End.CLUTCH_QUIET)],
+    ("cause", "end"), [("released", End.RELEASED), ("hidden", End.RELEASED), ("silence", End.CLUTCH_QUIET)]
 )
 def test_a_clutch_that_is_let_go_or_goes_quiet_stops_the_arms_in_time(teleoperate, cause, end):
     cause_ms = 601  # just after a beat: the worst moment to go quiet
@@ -222,7 +221,7 @@ def test_stiffness_stays_within_its_bounds_and_never_jumps(teleoperate):
 @pytest.mark.parametrize(("name", "value"), [("dq_max", 0.15), ("q_upper", -2.3)])
 def test_a_hand_that_asks_for_more_than_a_joint_may_rides_along_its_limit(teleoperate, cell, name, value):
     """Joint 4 stretches at its fastest, or to its end, for a second, and the judge has no part in it."""
-    limits = safety_limits(cell)
+    limits = limits_of_arms(cell)[0]
     values = list(getattr(limits, name))
     values[3] = value
 
@@ -261,9 +260,7 @@ def test_a_grab_by_hand_is_a_reference_that_a_trial_follows(teleoperate, cell):
     # it begins a moment before the first motion, not with the waiting
     assert reference.nominal_impact_s < result.detected_impact_time_s - 0.8
     assert np.abs(reference.ante[0]["twist"][:200]).max() < 0.01
-    opened = open_cell("direct", "rice_box", 0.0, 0)
-    trial = run_trial(prepared, opened)
-    opened.close()
+    trial = attempt(prepared, cell)
     assert trial.detected_impact_time_s == pytest.approx(reference.nominal_impact_s, abs=0.03)
     assert trial.max_lift_mm == pytest.approx(100.0, abs=60.0)
     assert "safety" not in (trial.failure_reason or "")

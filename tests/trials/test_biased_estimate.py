@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from math import inf
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -18,13 +19,38 @@ from rtstack.trials.estimate import check_estimate, resting_force
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
-from sim_robot.cell import simulated_cell
+from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import faults_in
 from sim_robot.scene import NO_OBJECT
-from tests.programs.biased_estimates import Truth
 from tests.support.sampling import sampled
 
 DIRECTIONS = {"up": (0.0, 0.0, 1.0), "outwards": (0.0, 1.0, 0.0), "inwards": (0.0, -1.0, 0.0)}
+
+
+class Truth:
+    """Sees each millisecond of a plant. first: the one in which a pad first touches; largest: force on a pad, N."""
+
+    def __init__(self, cell: SimulatedCell) -> None:
+        plant = cell.plant
+        self._model, self._data, self._advance = plant.model, plant.data, cell.next_state
+        # 1: a geom of the object, 2 and 4: of the pads; a contact has the sum of both
+        bodies = (plant._object_body, *plant.pad_bodies)
+        self._kind = sum(2**k * (plant.model.geom_bodyid == body) for k, body in enumerate(bodies))
+        self._wrench = np.zeros(6)
+        self.tick, self.first, self.largest = 0, -1, 0.0
+        cell.next_state = self._look  # type: ignore[method-assign]
+
+    def _look(self) -> None:
+        self._advance()
+        kinds = self._kind[self._data.contact.geom].sum(axis=1)
+        for pad in (3, 5):
+            push = 0.0
+            for index in np.flatnonzero(kinds == pad):
+                self.first = self.tick if self.first < 0 else self.first
+                mujoco.mj_contactForce(self._model, self._data, int(index), self._wrench)
+                push += self._wrench[0]  # along the normal: the contacts of one face have the same
+            self.largest = max(self.largest, push)
+        self.tick += 1
 
 
 def biased(object_name: str, force_n: np.ndarray, sides: tuple[str, ...] = ("left",)):

@@ -13,8 +13,7 @@ import pytest
 
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.control.impedance import quadratic_cost, task_inertia
-from rtstack.control.law import external_acceleration
-from rtstack.control.limits import acceleration_bounds, torque_bounds
+from rtstack.control.law import acceleration_bounds, external_acceleration, torque_bounds
 from rtstack.control.program import DaqpProgram
 from rtstack.control.records import POINT
 from rtstack.log.reader import read_log
@@ -24,12 +23,12 @@ from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, cell_parameters
-from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
+from tests.support.runs import demonstrate
 from tests.support.sampling import sampled
 
 TOUCHES = 1e-5  # rad/s^2 and Nm: as near as the solvers come
@@ -47,7 +46,7 @@ class Tightened:
 
     def cell(self, cell: CellDescription) -> CellDescription:
         """Return the cell with it."""
-        values = list(getattr(safety_limits(cell), self.name))
+        values = list(getattr(limits_of_arms(cell)[0], self.name))
         values[self.joint] = self.bound
         return replace(cell, safety={**cell.safety, self.name: values})
 
@@ -121,7 +120,7 @@ def longest(found: list[set[tuple[str, int]]], limit: Tightened) -> int:
 
 def rides(cell: CellDescription, path: Path, limit: Tightened, least: int) -> None:
     """Assert that the limit binds for so many ticks in a row in one of the arms, and that nothing is beyond."""
-    log, limits = read_log(path), safety_limits(cell)
+    log, limits = read_log(path), limits_of_arms(cell)[0]
     assert max(longest(found, limit) for found in active_sets(cell, log)) >= least
     for side in ("left", "right"):
         sample = log.topic(f"/{side}/arm")
@@ -146,13 +145,7 @@ def test_a_trial_along_a_limit_is_optimal_and_ends_without_an_intervention(runne
 )
 def test_a_demonstration_along_a_limit_is_optimal_and_ends_without_an_intervention(cell, tmp_path, limit):
     cell = limit.cell(cell)
-    specification = DemonstrationSpecification()
-    opened = open_cell("direct", specification.object, 0.0, specification.seed)
-    try:
-        log = open_log(tmp_path / "ref.mcap", specification, cell, "direct", default_cell_file())
-        result = run_demonstration(specification, cell, opened, RunContext(log))
-    finally:
-        opened.close()
+    result = demonstrate(tmp_path / "ref.mcap", cell)
     assert (result.success, result.failure_reason, result.safety_interventions) == (True, None, 0)
     rides(cell, tmp_path / "ref.mcap", limit, SECOND)
 

@@ -5,9 +5,8 @@ import pytest
 
 from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.log.reader import read_log
-from rtstack.papers.reference_spreading.completion import contact_completed
 from rtstack.papers.reference_spreading.controllers import Controller
-from rtstack.papers.reference_spreading.measures import measure
+from rtstack.papers.reference_spreading.measures import contact_completed, measure
 from rtstack.samples import Mode
 from rtstack.trials.review import log_columns
 from tests.support.sampling import sampled

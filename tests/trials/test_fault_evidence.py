@@ -12,15 +12,15 @@ import pytest
 
 import rtstack.trials.record
 import rtstack.trials.run
-from rtstack.cells import default_cell_file, open_cell
-from rtstack.cli.logs import review as print_review
-from rtstack.log.container import is_complete, open_mcap
+from rtstack.cells import open_cell
+from rtstack.cli.review import review as print_review
 from rtstack.log.errors import LogError
+from rtstack.log.file.container import is_complete, open_mcap
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
 from rtstack.samples import QpStatus
-from rtstack.trials.record import TrialLog, open_log
+from rtstack.trials.record import TrialLog
 from rtstack.trials.review import review_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
@@ -46,13 +46,13 @@ class At:
 def controllers(monkeypatch):
     """The controllers that runs make, the last one last."""
     made = []
-    make = rtstack.trials.run.dual_arm_controller
+    make = rtstack.trials.run.cell_controller
 
     def keep(*arguments):
         made.append(make(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(rtstack.trials.run, "dual_arm_controller", keep)
+    monkeypatch.setattr(rtstack.trials.run, "cell_controller", keep)
     return made
 
 
@@ -75,7 +75,7 @@ def test_a_good_trial_leaves_no_evidence(runner, tmp_path):
 
 def test_an_exception_leaves_its_traceback_and_the_last_second(runner, controllers, tmp_path, capsys):
     def spoil():
-        controllers[-1].left.command = lambda mode: 1 / 0
+        controllers[-1].arms[0].command = lambda mode: 1 / 0
 
     path = tmp_path / "raised.mcap"
     result = runner.run(log=path, watchdogs=(At(AT, spoil),))
@@ -98,7 +98,7 @@ def test_an_exception_leaves_its_traceback_and_the_last_second(runner, controlle
     assert len(kept["timing"]) == 1101
     assert len(kept["object"]) > 100
     assert review_log(path).as_dict()["fault"] == fault
-    print_review(path, json=False)
+    print_review(path)
     assert "fault detail           ZeroDivisionError: division by zero\n" in capsys.readouterr().out
 
 
@@ -111,8 +111,8 @@ def test_a_qp_without_an_answer_is_kept_as_it_was(runner, controllers, tmp_path)
             return QpStatus.ITERATIONS_EXHAUSTED, 212
 
     def spoil():
-        controllers[-1].right.program = Program()
-        controllers[-1].right.limits["tau_J_max"] = 1e-3
+        controllers[-1].arms[1].program = Program()
+        controllers[-1].arms[1].limits["tau_J_max"] = 1e-3
 
     path = tmp_path / "qp.mcap"
     runner.run(log=path, watchdogs=(At(AT, spoil),))
@@ -192,10 +192,10 @@ def _complete(path) -> bool:
 
 
 def test_evidence_is_recovered_from_a_log_that_is_cut_off_after_it(runner, controllers, tmp_path):
-    from rtstack.log.recover import recover
+    from rtstack.log.file.recover import recover
 
     def spoil():
-        controllers[-1].left.command = lambda mode: 1 / 0
+        controllers[-1].arms[0].command = lambda mode: 1 / 0
 
     path = tmp_path / "raised.mcap"
     runner.run(log=path, watchdogs=(At(20, spoil),))
@@ -216,12 +216,6 @@ def test_a_run_that_is_given_up_on_finishes_its_log(runner, tmp_path):
     def interrupt():
         raise KeyboardInterrupt
 
-    prepared = prepare_trial(TrialSpecification(str(runner.reference), seed=1), runner.cell)
-    cell = open_cell("direct", "rice_box", 0.0, 1)
-    log = open_log(path, prepared.specification, runner.cell, "direct", default_cell_file())
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run_trial(prepared, cell, RunContext(log, watchdogs=(At(30, interrupt),)))
-    finally:
-        cell.close()
+    with pytest.raises(KeyboardInterrupt):
+        runner.run(log=path, watchdogs=(At(30, interrupt),))
     assert len(read_log(path).topic("/left/arm")) == 30

@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 
 from hal.cell import Cell
-from hal.collisions import CollisionBehaviour
 from hal.fci.pair import STALE_IN_LOCKSTEP_S
+from hal.limits import CollisionBehaviour
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.control.watch import FREE_AFTER_S
 from rtstack.identification.sweep import sweep
 from rtstack.log.reader import Log, read_log
 from rtstack.model.cell_description import CellDescription
-from rtstack.playback.run import prepare_playback, run_playback
+from rtstack.playback.run import prepare_playback
 from rtstack.references.source import load_reference
 from rtstack.safety.limits import FORCES_BY_PHASE, ForcePhase
 from rtstack.samples import Mode
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.motion import run_motion
-from rtstack.trials.move import prepare_move, run_move
+from rtstack.trials.move import PreparedMove
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import (
@@ -69,7 +69,7 @@ def a_demonstration(cell: CellDescription, _reference: Path, arms: Cell, context
 
 
 def a_playback(cell: CellDescription, reference: Path, arms: Cell, context: RunContext) -> object:
-    return run_playback(prepare_playback(PlaybackSpecification(str(reference)), cell), arms, context)
+    return prepare_playback(PlaybackSpecification(str(reference)), cell).run(arms, context)
 
 
 def a_sweep(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
@@ -78,11 +78,11 @@ def a_sweep(cell: CellDescription, _reference: Path, arms: Cell, context: RunCon
 
 
 def to_the_start(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
-    return run_move(prepare_move(MoveSpecification(HandMotion.START), cell, arms), arms, context)
+    return PreparedMove(MoveSpecification(HandMotion.START), cell).run(arms, context)
 
 
 def opening(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
-    return run_move(prepare_move(MoveSpecification(HandMotion.OPEN), cell, arms), arms, context)
+    return PreparedMove(MoveSpecification(HandMotion.OPEN), cell).run(arms, context)
 
 
 # what runs, with which object in the cell, when the push comes (s since the first motion), and what it may reach
@@ -96,7 +96,7 @@ PHASES: dict[str, tuple[Run, str, float, float]] = {
     "motion to the start": (to_the_start, "", 0.2, APPROACH_N),
     "opening of the pads": (opening, "", 0.2, CONTACT_N),
 }
-KINDS = {a_demonstration: DemonstrationSpecification(), a_trial: TrialSpecification("")}
+KINDS = {a_demonstration: DemonstrationSpecification(), a_trial: TrialSpecification("ref.mcap")}
 
 
 @pytest.fixture
@@ -219,8 +219,8 @@ def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(cell, demonstra
         way = start_motion(arms, described, "rice_box", 0.0, prepared.reference.ante[:, 0])
         assert way is None or way.path.duration_s < 5.0
         result = run_trial(prepared, arms, way=way)
-        assert run_move(prepare_move(MoveSpecification(HandMotion.START), described, arms), arms).success
-        assert run_move(prepare_move(MoveSpecification(HandMotion.OPEN), described, arms), arms).success
+        assert PreparedMove(MoveSpecification(HandMotion.START), described).run(arms).success
+        assert PreparedMove(MoveSpecification(HandMotion.OPEN), described).run(arms).success
     finally:
         arms.close()
     assert result.success, result.failure_reason

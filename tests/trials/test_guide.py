@@ -12,9 +12,10 @@ from rtstack.loop.end import End
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.guided import FURTHER_M, FURTHER_RAD, beyond, guided_limits, outside_robot
-from rtstack.samples import Level
-from rtstack.trials.guide import run_guide, where_arms_stand
+from rtstack.samples import SIDES, Level
+from rtstack.trials.move import PreparedGuide, where_arms_stand
 from rtstack.trials.run_context import RunContext
+from rtstack.trials.specification import GuideSpecification
 from rtstack.trials.tightening import limits_of_arms
 from sim_robot.cell import SimulatedCell, simulated_cell
 from tests.support.sampling import sampled
@@ -68,7 +69,7 @@ class Hand:
             self.cell.plant.motors[0]["tau_applied"] = 0.0
             return WatchdogTrip(End.RELEASED, "", Level.INFO)
         if self.force.any():
-            self.cell.apply_pad_force(0, share * self.force)
+            self.cell.plant.push(0, share * self.force)
         else:
             self.cell.plant.motors[0]["tau_applied"] = share * self.torque
         return None
@@ -103,7 +104,7 @@ def test_a_hand_leads_a_joint_back_from_beyond_its_limit_slowly(cell, descriptio
     hand = Hand(cell, torque=-sign * PUSH_NM[joint] * np.eye(7)[joint])
     edge = cell.states[0]["q"][joint] - sign * BEYOND
     hand.done = lambda: sign * (edge - cell.states[0]["q"][joint]) > INSIDE
-    result = run_guide(own, cell.as_cell("direct"), RunContext(watchdogs=(hand,)), seconds=8.0)
+    result = PreparedGuide(GuideSpecification(8.0), own).run(cell.as_cell("direct"), RunContext(watchdogs=(hand,)))
     assert (result.success, result.failure_reason, result.safety_interventions) == (True, None, 0)
     assert [line.split(":")[0] for line in of_left(result.beyond_before)] == [f"left arm, joint {joint + 1}"]
     assert of_left(result.beyond_after) == []
@@ -117,7 +118,7 @@ def test_a_hand_that_pushes_further_out_meets_a_spring_and_then_the_judge(cell, 
     own = narrowed(description, cell, joint, sign)
     began = cell.states[0]["q"].copy()
     hand = Hand(cell, torque=sign * 4.0 * PUSH_NM[joint] * np.eye(7)[joint])
-    result = run_guide(own, cell.as_cell("direct"), RunContext(watchdogs=(hand,)), seconds=4.0)
+    result = PreparedGuide(GuideSpecification(4.0), own).run(cell.as_cell("direct"), RunContext(watchdogs=(hand,)))
     assert not result.success
     assert result.failure_reason is not None
     assert result.failure_reason.startswith("safety stop")
@@ -127,7 +128,7 @@ def test_a_hand_that_pushes_further_out_meets_a_spring_and_then_the_judge(cell, 
 def test_an_arm_that_no_hand_touches_stays_where_it_is_beyond_its_limit(cell, description):
     own = narrowed(description, cell, 1, 1)
     hand = Hand(cell)
-    result = run_guide(own, cell.as_cell("direct"), RunContext(watchdogs=(hand,)), seconds=2.0)
+    result = PreparedGuide(GuideSpecification(2.0), own).run(cell.as_cell("direct"), RunContext(watchdogs=(hand,)))
     assert result.success
     assert len(result.beyond_after) == len(result.beyond_before) == 2
     assert np.abs(np.array(hand.q) - hand.q[0])[:, 1].max() < 0.005
@@ -149,7 +150,7 @@ def test_a_hand_leads_a_pad_back_into_its_box(cell, description, axis, sign):
     edge = face[axis] - sign * 0.05
     offset = cell.sensors.kinematics[0]["T"][:3, 3][axis] - face[axis]
     hand.done = lambda: sign * (edge + offset - cell.sensors.kinematics[0]["T"][:3, 3][axis]) > 0.01
-    result = run_guide(own, cell.as_cell("direct"), RunContext(watchdogs=(hand,)), seconds=8.0)
+    result = PreparedGuide(GuideSpecification(8.0), own).run(cell.as_cell("direct"), RunContext(watchdogs=(hand,)))
     assert (result.success, result.failure_reason) == (True, None)
     assert any(f"left pad, {'xyz'[axis]}" in line for line in result.beyond_before)
     assert of_left(result.beyond_after) == []
@@ -168,7 +169,9 @@ def test_an_arm_inside_its_limits_is_free_and_comes_to_rest_by_itself(cell, desc
             if hand.ticks > 400:
                 hand.torque = np.zeros(7)
 
-    result = run_guide(description, cell.as_cell("direct"), RunContext(watchdogs=(hand, Later())), seconds=2.0)
+    result = PreparedGuide(GuideSpecification(2.0), description).run(
+        cell.as_cell("direct"), RunContext(watchdogs=(hand, Later()))
+    )
     assert result.success
     assert cell.states[0]["q"][0] - began > 0.02
     assert abs(cell.states[0]["dq"][0]) < 0.02
@@ -178,7 +181,7 @@ def test_the_limits_of_a_guided_arm_are_never_wider_but_where_it_stands(cell, de
     limits = limits_of_arms(description)
     inside = where_arms_stand(description, cell.as_cell("direct"))
     guided = guided_limits(limits, inside)
-    assert beyond(limits, inside) == ()
+    assert beyond(limits, inside, SIDES) == ()
     for own, hand, face in zip(limits, guided, inside.face, strict=True):
         assert hand.q_lower == own.q_lower
         assert hand.q_upper == own.q_upper
@@ -190,9 +193,9 @@ def test_the_limits_of_a_guided_arm_are_never_wider_but_where_it_stands(cell, de
 
 def test_a_joint_at_the_robot_s_own_limit_is_left_to_desk(description, cell):
     limits, where = limits_of_arms(description), where_arms_stand(description, cell.as_cell("direct"))
-    assert outside_robot(limits, where) == ""
+    assert outside_robot(limits, where, SIDES) == ""
     where.q[0, 3] = limits[0].arm.q_lower[3]
-    assert outside_robot(limits, where).startswith("left arm, joint 4: -3.0481 rad, the robot's own limits")
+    assert outside_robot(limits, where, SIDES).startswith("left arm, joint 4: -3.0481 rad, the robot's own limits")
 
 
 def test_arms_that_are_too_close_are_led_apart(description, cell):
@@ -200,7 +203,7 @@ def test_arms_that_are_too_close_are_led_apart(description, cell):
     hand = Hand(cell, force=np.array([0.0, 10.0, 0.0]))
     hand.done = lambda: cell.sensors.kinematics[0]["T"][1, 3] - hand.face[0][1] > 0.03
     before = where_arms_stand(near, cell.as_cell("direct")).distance
-    result = run_guide(near, cell.as_cell("direct"), RunContext(watchdogs=(hand,)), seconds=6.0)
+    result = PreparedGuide(GuideSpecification(6.0), near).run(cell.as_cell("direct"), RunContext(watchdogs=(hand,)))
     assert result.success
     assert "the arms are" in result.beyond_before[0]
     assert where_arms_stand(near, cell.as_cell("direct")).distance > before

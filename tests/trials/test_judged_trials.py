@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.limits import COLLISION_TORQUES
-from rtstack.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.trials.assembly import default_parameters
 from rtstack.trials.review import log_columns
 from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.trial import prepare_trial
+from tests.support.runs import attempt
 
 
 @pytest.mark.parametrize(
@@ -61,9 +62,7 @@ def test_the_controllers_residual_is_judged_too(runner, tmp_path):
     parameters = default_parameters()
     nervous = replace(parameters, inertia=replace(parameters.inertia, observer_gain_hz=1500.0))
     prepared = prepare_trial(TrialSpecification(str(runner.reference), seed=1), cell, nervous)
-    opened = open_cell("direct", "rice_box", 0.0, 1)
-    result = run_trial(prepared, opened)
-    opened.close()
+    result = attempt(prepared, cell)
     assert "the momentum residual is too large" in str(result.failure_reason)
 
 

@@ -4,10 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.cli.app import app
+from rtstack.cli.app import app, whole
 from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
@@ -71,13 +70,13 @@ def test_no_controller_learns_where_it_stands(lab, tmp_path, command_line):
 
 
 def test_every_command_that_handles_objects_names_the_file_alike():
-    commands = get_command(app).commands
+    commands = whole().commands
     for name in ("plan", "teach", "trial", "sim", "up", "campaign", "play", "check", "robot", "console"):
         options = {word: option for option in commands[name].params for word in option.opts}
         assert options["--cell-file"].name == "cell_file", name
         if name in ("up", "robot", "console"):  # the contract's name, and what unit files have
             assert options["--cell"].hidden
-        elif name in ("teach", "trial", "play"):  # the kind of cell
+        elif name in ("teach", "trial", "play", "campaign"):  # the kind of cell
             assert options["--cell"].default == "direct"
         else:
             assert "--cell" not in options

@@ -9,7 +9,7 @@ from hal.robot_errors import error_bit
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, LoadPolicy
-from rtstack.trials.load import HELD_AFTER, settle_load
+from rtstack.trials.move import HELD_AFTER, settle_load
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -35,7 +35,7 @@ class Act:
 
 def height(plant: SimulatedCell, cell: CellDescription) -> float:
     """How far the object's lower face is above the table, m."""
-    place, _ = plant.object_truth()
+    place, _ = plant.plant.object_pose()
     return place[2] - cell.objects[OBJECT].size[2] / 2.0 - cell.table.top_z
 
 

@@ -7,23 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from console.log_rows import log_row
-from rtstack.cells import default_cell_file, open_cell
-from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
+from rtstack.log_folder.catalogue import Catalogue
+from rtstack.log_folder.log_rows import log_row
 from rtstack.model.cell_description import base_poses
 from rtstack.monitor.records import Verdict
 from rtstack.references.demonstration import Grab
 from rtstack.samples import Level, Mode, Reaction
-from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import tuning_folder, tuning_of
-from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial
 from rtstack.trials.tuning import GoodRun, replay
+from tests.support.runs import attempt, demonstrate
 
 PUSH = '[[fault]]\nkind = "push"\narm = "left"\nat_s = 2.0\nduration_s = 0.4\nforce_N = [40.0, 0.0, 0.0]\n'
 MISSING = '[[fault]]\nkind = "object_lost"\nat_s = 0.0\n'
@@ -39,13 +36,7 @@ def trial(cell, demonstration, tmp_path):
         specification = TrialSpecification(str(demonstration.path), seed=3, displacement_mm=12.0, reaction=reaction)
         prepared = prepare_trial(specification, cell)
         path = Path(tmp_path / "trial.mcap")
-        log = open_log(path, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
-        opened = open_cell("direct", "rice_box", 0.012, 3, cell, faults)
-        try:
-            result = run_trial(prepared, opened, RunContext(log))
-        finally:
-            opened.close()
-        return result, read_log(path), prepared
+        return attempt(prepared, cell, path, faults=faults), read_log(path), prepared
 
     return run
 
@@ -140,15 +131,7 @@ def test_an_object_just_beyond_what_the_tuning_knows_is_in_the_wrong_place_and_n
 
 def test_a_slow_hand_that_meets_a_displaced_object_half_a_second_early_is_no_push(cell, runner, tmp_path):
     path = tmp_path / "slow.mcap"
-    specification = DemonstrationSpecification()
-    opened = open_cell("direct", "rice_box", 0.0, 0)
-    try:
-        log = open_log(path, specification, cell, "direct", default_cell_file())
-        script = Grab(approach_s=1.8, speed_y=0.1, speed_z=0.05, steady_s=0.8)
-        demonstrated = run_demonstration(specification, cell, opened, RunContext(log), script=script)
-    finally:
-        opened.close()
-    assert demonstrated.success
+    assert demonstrate(path, cell, script=Grab(approach_s=1.8, speed_y=0.1, speed_z=0.05, steady_s=0.8)).success
     result = replace(runner, reference=path).run(displacement_mm=48.0)
     assert result.detected_impact_time_s is not None
     assert result.nominal_impact_time_s - result.detected_impact_time_s > 0.4
@@ -162,12 +145,7 @@ def test_an_object_without_a_tuning_is_not_watched_and_its_trial_says_how_to_mak
         prepare_trial(replace(specification, reaction=Reaction.HOLD), cell)
     assert prepare_trial(specification, cell, monitor=tuning_of("rice_box").monitor).unwatched is None
     prepared = prepare_trial(specification, cell)
-    log = open_log(tmp_path / "trial.mcap", specification, cell, "direct", default_cell_file())
-    opened = open_cell("direct", "box_060", 0.0, 0, cell)
-    try:
-        result = run_trial(prepared, opened, RunContext(log))
-    finally:
-        opened.close()
+    result = attempt(prepared, cell, tmp_path / "trial.mcap")
     assert (result.impact_verdict, result.impact_margin, result.impact_kind) == (None, None, None)
     (event,) = [event for event in read_log(tmp_path / "trial.mcap").events if event.name == "verdict"]
     assert event.level is Level.INFO

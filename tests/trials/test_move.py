@@ -9,26 +9,15 @@ from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
-from rtstack.trials.move import prepare_move, run_move
+from rtstack.trials.move import PreparedMove
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, HandMotion, MoveSpecification
 from sim_robot.cell import simulated_cell
+from tests.support.runs import StopAfter
 
 LIFTED_TICKS = 3300  # of the scripted demonstration: the object is in the air, carried
 OBJECT = "rice_box"
-
-
-class After:
-    """A STOP in a tick. Asked once a tick."""
-
-    def __init__(self, ticks: int) -> None:
-        self._left = ticks
-
-    @property
-    def stop_requested(self) -> bool:
-        self._left -= 1
-        return self._left < 0
 
 
 @pytest.fixture
@@ -37,20 +26,21 @@ def simulated():
     description, _ = load_description(None)
     plant = simulated_cell(OBJECT, 0.0, 0)
     cell = plant.as_cell("direct")
-    context = RunContext(stop=After(LIFTED_TICKS))
+    context = RunContext(stop=StopAfter(LIFTED_TICKS))
     run_demonstration(DemonstrationSpecification(OBJECT), description, cell, context)
     yield plant, cell, description
     cell.close()
 
 
 def asked(motion, description, cell, context=None):
-    prepared = prepare_move(MoveSpecification(motion, OBJECT), description, cell)
-    return run_move(prepared, cell, context or RunContext())
+    prepared = PreparedMove(MoveSpecification(motion, OBJECT), description)
+    prepared.look(cell)
+    return prepared.run(cell, context or RunContext())
 
 
 def height(plant, description):
     """How far the object's lower face is above the table, m."""
-    place, _ = plant.object_truth()
+    place, _ = plant.plant.object_pose()
     return place[2] - description.objects[OBJECT].size[2] / 2.0 - description.table.top_z
 
 
@@ -73,12 +63,12 @@ def test_what_is_held_is_put_down_after_a_stop_and_the_arms_go_to_the_start(simu
 
     with pytest.raises(TrialError, match="nothing is held"):
         asked(HandMotion.PUT_DOWN, description, cell)
-    before, _ = plant.object_truth()
+    before, _ = plant.plant.object_pose()
     before = np.array(before)
     assert asked(HandMotion.START, description, cell).success
     for arm, mounting in ((cell.left, description.left), (cell.right, description.right)):
         np.testing.assert_allclose(arm.read().q, mounting.home, atol=0.03)
-    np.testing.assert_allclose(plant.object_truth()[0], before, atol=1e-3)  # nothing was touched on the way
+    np.testing.assert_allclose(plant.plant.object_pose()[0], before, atol=1e-3)  # nothing was touched on the way
     assert asked(HandMotion.OPEN, description, cell).success
 
 
@@ -92,7 +82,7 @@ def test_it_is_put_down_after_a_fault_too(simulated):
 
 def test_a_stop_while_it_comes_down_leaves_it_held(simulated):
     plant, cell, description = simulated
-    result = asked(HandMotion.PUT_DOWN, description, cell, RunContext(stop=After(1000)))
+    result = asked(HandMotion.PUT_DOWN, description, cell, RunContext(stop=StopAfter(1000)))
     assert not result.success
     assert height(plant, description) > 0.05
     assert asked(HandMotion.PUT_DOWN, description, cell).success

@@ -9,7 +9,7 @@ from subprocess import CompletedProcess
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from hal.robots import FER, FR3, RobotModel
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription, load_cell_description
@@ -112,11 +112,7 @@ def test_each_arm_has_the_numbers_of_its_own_model(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("left", "home", "complaint"),
     [
-        (
-            "ur5",
-            None,
-            r"lab\.toml:\d+: key left\.model: unknown robot model 'ur5': choose one of fer, fr3, or",
-        ),
+        ("ur5", None, r"lab\.toml:\d+: key left\.model: unknown robot model 'ur5': choose one of fer, fr3, or"),
         ("none.toml", None, r"lab\.toml:\d+: key left\.model: .*none\.toml: cannot be read"),
         ("fer", 3.9, r"lab\.toml:\d+: key left\.home: joint 6 at 3\.9 rad is not between -0\.0175 and 3\.7525"),
     ],

@@ -5,16 +5,15 @@ import re
 
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from rtstack.cli.app import main
 from rtstack.live.protocol import ProtocolError, decode_request
 from rtstack.log.reader import read_log
 from rtstack.safety.limits import HARDWARE
 from rtstack.trials.errors import TrialError
-from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.tightening import load_tightening, safety_limits
-from rtstack.trials.trial import prepare_trial
+from rtstack.trials.tightening import limits_of_arms, load_tightening
+from tests.support.runs import attempt
 
 
 def _file(tmp_path, text: str):
@@ -24,20 +23,10 @@ def _file(tmp_path, text: str):
 
 
 def test_a_trial_is_stopped_by_its_own_limit_and_says_so(runner, tmp_path):
-    from rtstack.cells import default_cell_file, open_cell
-    from rtstack.trials.record import open_log
-    from rtstack.trials.trial import run_trial
-
     tightening = load_tightening(_file(tmp_path, "[safety]\nee_speed_max = 0.3\n"))
     specification = TrialSpecification(str(runner.reference), seed=1, safety=tightening)
-    prepared = prepare_trial(specification, runner.cell)
     path = tmp_path / "tight.mcap"
-    cell = open_cell("direct", "rice_box", 0.0, 1)
-    try:
-        log = open_log(path, specification, runner.cell, "direct", default_cell_file())
-        result = run_trial(prepared, cell, RunContext(log))
-    finally:
-        cell.close()
+    result = attempt(specification, runner.cell, path)
     assert re.match("safety stop: (left|right): the end effector is too fast", str(result.failure_reason))
     metadata = read_log(path).metadata
     assert json.loads(metadata["trial"]["specification"])["safety"] == {"ee_speed_max": 0.3}
@@ -52,11 +41,11 @@ def test_a_trial_is_stopped_by_its_own_limit_and_says_so(runner, tmp_path):
 def test_what_the_cell_has_tightened_stays(cell):
     key = next(key for key, value in cell.safety.items() if isinstance(value, float) and key.endswith("max"))
     own = cell.safety[key]
-    assert getattr(safety_limits(cell), key) == own
-    assert getattr(safety_limits(cell, ((key, own / 2),)), key) == own / 2
+    assert getattr(limits_of_arms(cell)[0], key) == own
+    assert getattr(limits_of_arms(cell, ((key, own / 2),))[0], key) == own / 2
     between = (own + getattr(HARDWARE, key)) / 2  # inside the hardware's, outside the cell's
     with pytest.raises(TrialError, match=f"safety.{key} = .*may only tighten"):
-        safety_limits(cell, ((key, between),))
+        limits_of_arms(cell, ((key, between),))[0]
 
 
 @pytest.mark.parametrize(
@@ -89,6 +78,6 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path):
 
 
 def test_no_request_has_a_field_for_limits():
-    asked = {"verb": "trial", "operator": "mira", "reference": "a.mcap", "safety": {"ee_speed_max": 1.0}}
+    asked = {"kind": "trial", "reference": "a.mcap", "safety": {"ee_speed_max": 1.0}}
     with pytest.raises(ProtocolError, match="safety"):
-        decode_request(json.dumps(asked).encode() + b"\n")
+        decode_request(json.dumps({"verb": "run", "operator": "mira", "specification": asked}).encode() + b"\n")

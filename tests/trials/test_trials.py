@@ -10,6 +10,7 @@ from rtstack.log.reader import read_log
 from rtstack.papers.reference_spreading.evaluation import BASELINES
 from rtstack.samples import SIDES, Mode
 from rtstack.trials.review import log_columns, review_log
+from tests.support.runs import StopAfter
 
 
 def test_a_demonstration_is_a_recording_with_an_impact(demonstration):
@@ -100,22 +101,10 @@ def test_a_baseline_is_worse_than_the_proposed_controller(runner, controller):
     assert proposed.average_force_norm < baseline.average_force_norm
 
 
-class _StopAt:
-    """Asks for a stop from the n-th tick on."""
-
-    def __init__(self, tick: int) -> None:
-        self._left = tick
-
-    @property
-    def stop_requested(self) -> bool:
-        self._left -= 1
-        return self._left < 0
-
-
 @pytest.mark.parametrize("tick", [0, 500, 1310, 2500])
 def test_a_stop_brakes_both_arms_and_keeps_what_they_hold(runner, tmp_path, tick):
     path = tmp_path / "stopped.mcap"
-    result = runner.run(log=path, stop=_StopAt(tick))
+    result = runner.run(log=path, stop=StopAfter(tick))
     assert not result.success
     assert "stop requested" in result.failure_reason
     columns = log_columns(read_log(path))

@@ -13,8 +13,8 @@ from rtstack.monitor.records import Reason, Verdict
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import load_tuning, tuning_folder, tuning_of
+from rtstack.trials.scoring import UPRIGHT
 from rtstack.trials.tuning import Check, GoodRun, check, replay, tune
-from rtstack.trials.world import UPRIGHT
 
 TICKS, T_D = 1500, 0.5
 WEIGHT_N = 12.0
@@ -108,7 +108,7 @@ def test_bad_input_writes_nothing(tmp_path) -> None:
     there = tmp_path / "there.toml"
     there.touch()
     with pytest.raises(TrialError, match="exists already"):
-        tune_monitor([], there, 1.3, False)
+        tune_monitor([], there)
     with pytest.raises(TrialError, match="too few"):
-        tune_monitor([tmp_path / "a.mcap"], tmp_path / "out.toml", 1.3, False)
+        tune_monitor([tmp_path / "a.mcap"], tmp_path / "out.toml")
     assert not (tmp_path / "out.toml").exists()

@@ -8,23 +8,67 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rtstack.cells import default_cell_file, open_cell
+from rtstack.calibration.points import write
+from rtstack.cells import default_cell_file, load_description
 from rtstack.cli.monitor import tune_monitor
 from rtstack.log.reader import read_log
-from rtstack.model.cell_description import base_poses
+from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.monitor.records import Reason, Verdict
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import load_tuning, tuning_of
-from rtstack.trials.record import open_log
-from rtstack.trials.result import TrialResult
+from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.review import log_columns, review_log
-from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import SuccessCriterion, score
-from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import prepare_trial
 from rtstack.trials.tuning import GoodRun, replay
 from rtstack.trials.unexpected import Unexpected, classify
-from tests.support.turned_cell import TURNED, BuiltCell
+from sim_robot.profile import load_profile
+from sim_robot.scene import load_scene
+from tests.support.built_cell import profile
+from tests.support.runs import attempt, demonstrate
+
+# mm, and deg as rotation vectors: both 20 mm higher, turned by 4 and 3 deg
+TURNED: dict[str, object] = {
+    "left_mm": [0.0, 0.0, 20.0], "right_mm": [0.0, 0.0, 20.0],
+    "left_deg": [1.5, -1.0, 3.5], "right_deg": [-1.0, 1.2, -2.6],
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltCell:
+    """kind: of the cell, as it is opened; file: its description's, with the bases where they are."""
+
+    kind: str
+    description: CellDescription
+    file: Path
+
+    @classmethod
+    def write(cls, folder: Path, built: dict[str, object]) -> "BuiltCell":
+        """Write the profile of a cell that was built so, and the cell's file, into a folder."""
+        how, file = profile(folder / "built.toml", built), folder / "cell.toml"
+        scene = load_profile(str(how)).built.scene(load_scene())
+        file.write_text(default_cell_file().read_text(encoding="utf-8"), encoding="utf-8")
+        bases = {
+            (side, f"base_{key}"): list(getattr(place, f"T_world_base_{name}"))
+            for side, place in (("left", scene.left), ("right", scene.right))
+            for key, name in (("position", "position"), ("orientation_wxyz", "wxyz"))
+        }
+        write(file, bases)
+        return cls(f"direct:{how}", load_description(file)[0], file)
+
+    def teach(self, log: Path, variation: int = 0, seed: int = 0) -> DemonstrationResult:
+        """Record a scripted demonstration."""
+        asked = DemonstrationSpecification(variation=variation, seed=seed)
+        return demonstrate(log, self.description, asked, kind=self.kind, file=self.file)
+
+    def trial(
+        self, recording: Path, log: Path, seed: int, displacement_mm: float = 0.0, faults: Path | None = None
+    ) -> TrialResult:
+        """Run a trial of a recording."""
+        asked = TrialSpecification(str(recording), seed=seed, displacement_mm=displacement_mm)
+        return attempt(asked, self.description, log, kind=self.kind, file=self.file, faults=faults)
+
 
 HEAVIER = '[[fault]]\nkind = "object_mass"\nat_s = 0.0\nmass_factor = 3.0\n'
 
@@ -75,8 +119,8 @@ def test_its_log_says_the_same_again(turned) -> None:
 def test_a_tuning_is_made_of_logs_of_the_cell_that_is_named(turned, tmp_path) -> None:
     logs = [Path(shutil.copy(turned.trial, tmp_path / f"{k}.mcap")) for k in range(6)]
     with pytest.raises(TrialError, match="bases and pads elsewhere"):
-        tune_monitor(logs, tmp_path / "ours.toml", 1.5, True)
-    tune_monitor(logs, tmp_path / "theirs.toml", 1.5, True, turned.cell.file)
+        tune_monitor(logs, tmp_path / "ours.toml", 1.5)
+    tune_monitor(logs, tmp_path / "theirs.toml", 1.5, turned.cell.file)
     bounds = load_tuning(tmp_path / "theirs.toml").monitor.net_force
     # what two pads that are pressed together with 45 N add up to along the axes of bases turned by 4 and 3 deg: 5 N
     assert max(bounds.x_n[-1], bounds.y_n[-1], bounds.z_n[-1]) < 2.0
@@ -89,12 +133,7 @@ def test_however_the_bases_stand_the_same_is_said_of_the_same_trial(cell, demons
     specification = TrialSpecification(str(demonstration.path), seed=3)
     prepared = prepare_trial(specification, cell)
     path = tmp_path / "trial.mcap"
-    log = open_log(path, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
-    opened = open_cell("direct", "rice_box", 0.0, 3, cell, faults)
-    try:
-        result = run_trial(prepared, opened, RunContext(log))
-    finally:
-        opened.close()
+    result = attempt(prepared, cell, path, faults=faults)
     assert (result.impact_reason, result.impact_kind) == ("load", Unexpected.TOO_HEAVY)
     columns, stood, reference = log_columns(read_log(path)), base_poses(cell), prepared.reference
     bases = (_placed([0.0, 0.0, 1.5], [0.3, 0.9, 0.1]), _placed([-0.9, 0.3, 0.0], [-0.2, -0.7, 0.4]))

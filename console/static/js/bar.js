@@ -1,6 +1,7 @@
 // The top bar: the cell's state in one word and one colour, what to do next, lights, loop health, age. Colour never says
 // anything that a word does not say too.
 
+import { ALL_ARMS, SIDES, TWO } from "./arms.js";
 import { WHAT } from "./job_line.js";
 import { wordOf } from "./modes.js";
 import { LOOKS } from "./scope.js";
@@ -11,7 +12,6 @@ const NEVER_S = 1e5;
 const PREPARED_S = 15; // a preparation without any state for longer is an alarm, too
 const REFRESH_MS = 50;
 const TEXT_EVERY = 5; // refreshes: a number that changes 20 times a second cannot be read
-const SIDES = ["left", "right"];
 const ROBOT_WORDS = {
   OTHER: "other", IDLE: "idle", MOVE: "moving", GUIDING: "guiding", REFLEX: "reflex",
   USER_STOPPED: "user stop", AUTOMATIC_ERROR_RECOVERY: "recovering", UNKNOWN: "no state",
@@ -74,11 +74,11 @@ function sentence(view) {
   const runs = status.job && ["starting", "running", "stopping"].includes(status.job.state);
   switch (state.word) {
     case "fault": return status.reason;
-    case "recovering": return "The arms clear their errors.";
+    case "recovering": return TWO ? "The arms clear their errors." : "The arm clears its errors.";
     case "preparing": return runs ? `${job(view)} is being prepared: nothing moves yet.` : "A motion is being prepared: nothing moves yet.";
-    case "moving": return runs ? `${job(view)} moves the arms.` : "An arm moves, and no job of ours moves it.";
+    case "moving": return runs ? `${job(view)} moves ${TWO ? "the arms" : "the arm"}.` : `${TWO ? "An arm" : "The arm"} moves, and no job of ours moves it.`;
     case "holding":
-      if (runs) return `${job(view)} holds both arms still; they may move at any moment.`;
+      if (runs) return `${job(view)} holds ${ALL_ARMS} still; ${TWO ? "they" : "it"} may move at any moment.`;
       return `Both arms hold what is between them. ${mine ? "Arm to go on." : holder === null ? "Take control, then arm, to go on." : ""}`;
     case "armed": return mine ? "You can start a motion." : `${holder} can start a motion.`;
     default:

@@ -236,7 +236,8 @@ class Page {
     for (const claim of campaign.claims) {
       const row = table.tBodies[0].insertRow();
       cell(row, several ? `${claim.where} (${plain(claim.conditions)})` : claim.where);
-      cell(row, claim.claim);
+      cell(row, claim.claim || "-");
+      cell(row, claim.mark || "-");
       cell(row, claim.figures);
       cell(row, claim.verdict, "verdict").dataset.verdict = claim.verdict;
     }

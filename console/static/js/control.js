@@ -1,6 +1,7 @@
 // Control of the robot: who has it, whether it may move, and the way out of a fault. The server decides, this asks.
 
 import { post } from "./api.js";
+import { TWO, UNCHANGED } from "./arms.js";
 import { showError } from "./errors.js";
 import { LOOKS } from "./scope.js";
 
@@ -55,7 +56,7 @@ export class Control {
       try {
         await act();
       } catch (error) {
-        showError(`${failure}: ${error.message}. Both arms stay as they are.`);
+        showError(`${failure}: ${error.message}. ${UNCHANGED}`);
       } finally {
         if (this.view) this.show(this.view);
       }
@@ -73,25 +74,25 @@ export class Control {
     const { phase, holder } = status;
     const mine = holder === you;
     const from = holder !== null && !mine ? holder : "";
-    const busy = WHILE[phase] ? `the arms are ${WHILE[phase]}` : null;
+    const busy = WHILE[phase] ? `${TWO ? "the arms are" : "the arm is"} ${WHILE[phase]}` : null;
 
     this.name.disabled = mine;
     this.name.placeholder = you;
     button("take").dataset.from = from;
     write(button("take"), from ? "Take over" : "Take control");
     allow("take", LOOKS ? LOOKS : mine ? "You have control" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
-      from ? `Take over from ${from}: ${from} loses control, and the arms are disarmed` : "While you have it no other operator can start a motion");
-    allow("release", mine ? null : "You do not have control", "Give control back; the arms are disarmed, and what moves stops");
+      from ? `Take over from ${from}: ${from} loses control, and the cell is disarmed` : "While you have it no other operator can start a motion");
+    allow("release", mine ? null : "You do not have control", "Give control back; the cell is disarmed, and what moves stops");
     allow("arm", !mine ? "Take control first" : phase === "armed" ? "Armed" : busy, "Allow motion until you disarm, release or press STOP");
-    allow("disarm", phase === "armed" || phase === "moving" ? null : "The arms are not armed", "Allow no motion; what moves stops");
+    allow("disarm", phase === "armed" || phase === "moving" ? null : "The cell is not armed", "Allow no motion; what moves stops");
 
     // in a fault nothing can be armed: the way out of it stands there instead
     const fault = phase === "fault" || phase === "recovering";
     button("arm").hidden = fault;
     button("recover").hidden = !fault;
     const active = status.job && ["starting", "running", "stopping"].includes(status.job.state);
-    allow("recover", LOOKS ? LOOKS : active ? "Wait until the job has ended" : phase === "recovering" ? "The arms are recovering" : null,
-      "Clear what the arms have latched, once its cause is gone");
+    allow("recover", LOOKS ? LOOKS : active ? "Wait until the job has ended" : phase === "recovering" ? `${TWO ? "The arms are" : "The arm is"} recovering` : null,
+      `Clear what ${TWO ? "the arms have" : "the arm has"} latched, once its cause is gone`);
 
     const next = fault ? "recover" : mine ? (phase === "disarmed" ? "arm" : "") : "take";
     for (const id of ORDERS) button(id).classList.toggle("next", id === next);

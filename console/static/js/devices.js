@@ -2,6 +2,8 @@
 // and about them, or null while it asks for nothing. One with a clutch of its own says whether it is held, null once the
 // device has gone. `side`: the hand that a device with one cap, one set of keys leads.
 
+import { SIDES } from "./arms.js";
+
 const STEPS = {
   KeyW: [0, 1], KeyS: [0, -1], KeyA: [1, 1], KeyD: [1, -1], KeyE: [2, 1], KeyQ: [2, -1], // along x, y, z
   KeyL: [3, 1], KeyJ: [3, -1], KeyI: [4, 1], KeyK: [4, -1], KeyU: [5, 1], KeyO: [5, -1], // about x, y, z
@@ -19,7 +21,7 @@ const DEAD_DEG = 3;
 export class KeyboardDevice {
   constructor() {
     this.name = "keys";
-    this.side = "left";
+    this.side = SIDES[0];
     this.down = new Set();
   }
 
@@ -61,7 +63,7 @@ export class GamepadDevice {
     return this.pad?.buttons[TURN_BUTTON].pressed ?? false;
   }
 
-  // Sticks: away and sideways, the left one for the left hand; triggers: both hands up and down. While the right
+  // Sticks: away and sideways, the left one for the left hand; triggers: all hands up and down. While the right
   // shoulder is held they turn: a stick tips its hand over the way that it is pushed, the triggers about the vertical.
   read() {
     const pad = this.pad;
@@ -71,8 +73,13 @@ export class GamepadDevice {
     const moved = (across, along) => [-stick(along), -stick(across), rise, 0, 0, 0];
     const turned = (across, along) => [0, 0, 0, stick(across), -stick(along), rise];
     const hand = this.turns ? turned : moved;
-    const [left, right] = [hand(pad.axes[0], pad.axes[1]), hand(pad.axes[2], pad.axes[3])];
-    return [...left, ...right].some((value) => value !== 0) ? { left, right } : null;
+    const deflections = SIDES.map((side) => [side, hand(...this.stick(pad, side))]);
+    return deflections.some(([, deflection]) => deflection.some((value) => value !== 0)) ? Object.fromEntries(deflections) : null;
+  }
+
+  // x and y of the stick of a side.
+  stick(pad, side) {
+    return side === "left" ? [pad.axes[0], pad.axes[1]] : [pad.axes[2], pad.axes[3]];
   }
 
   // What each control does now, and how far it is pressed: for the page to show. at: x and y of a stick, or a share.
@@ -81,13 +88,13 @@ export class GamepadDevice {
     if (!pad) return [];
     const [tip, way] = this.turns ? ["tips over", "about the vertical"] : ["moves", "down and up"];
     const button = (index) => pad.buttons[index].value;
+    const whose = SIDES.length === 2 ? "both" : "hand";
     return [
       { name: "LB", does: "clutch, held", at: button(CLUTCH_BUTTON) },
       { name: "RB", does: "turn, held", at: button(TURN_BUTTON) },
-      { name: "left stick", does: `left hand ${tip}`, at: [pad.axes[0], pad.axes[1]] },
-      { name: "right stick", does: `right hand ${tip}`, at: [pad.axes[2], pad.axes[3]] },
-      { name: "LT", does: `both ${way}`, at: button(DOWN_BUTTON) },
-      { name: "RT", does: `both ${way}`, at: button(UP_BUTTON) },
+      ...SIDES.map((side) => ({ name: `${side} stick`, does: `${side} hand ${tip}`, at: this.stick(pad, side) })),
+      { name: "LT", does: `${whose} ${way}`, at: button(DOWN_BUTTON) },
+      { name: "RT", does: `${whose} ${way}`, at: button(UP_BUTTON) },
     ];
   }
 }
@@ -97,7 +104,7 @@ export class GamepadDevice {
 export class SpaceMouseDevice {
   constructor() {
     this.name = "SpaceMouse";
-    this.side = "left";
+    this.side = SIDES[0];
     this.gone();
     if (!navigator.hid) return;
     navigator.hid.getDevices().then((known) => this.open(known));
@@ -147,7 +154,7 @@ export class SpaceMouseDevice {
 export class PhoneDevice {
   constructor() {
     this.name = "phone";
-    this.side = "left";
+    this.side = SIDES[0];
     this.turns = false;
     this.now = this.from = null;
   }

@@ -1,4 +1,4 @@
-// Why what was typed into a form is refused: one line, at the field that it is about, which is marked.
+// Shows why a form's input is refused: one line at the field, which is marked.
 
 // form: with a .wrong and [data-field]s; what: "field: why", a line about no field, or null.
 export function showRefusal(form, what) {
@@ -17,13 +17,19 @@ export function showRefusal(form, what) {
   else form.querySelector(".fields").append(wrong);
 }
 
-// What is ticked of a list of check boxes.
+// Returns the values of the ticked boxes of a name.
 export const ticked = (form, name) => [...form.querySelectorAll(`[name="${name}"]:checked`)].map((box) => box.value);
 
-// What a form says: numbers as numbers, lists of what is ticked.
+// Returns a field's value: a number for a number, null for the empty choice of an optional list.
+export function valueOf({ type, tagName, required, value, valueAsNumber }) {
+  if (type === "number") return valueAsNumber;
+  return tagName === "SELECT" && !required && value === "" ? null : value;
+}
+
+// Returns the values of a form by name. lists: names of check boxes, each a list of the ticked values.
 export function valuesOf(form, lists) {
   const values = {};
-  for (const { name, type, value, valueAsNumber } of form.elements) if (name && type !== "checkbox") values[name] = type === "number" ? valueAsNumber : value;
+  for (const field of form.elements) if (field.name && field.type !== "checkbox") values[field.name] = valueOf(field);
   for (const name of lists) values[name] = ticked(form, name);
   return values;
 }

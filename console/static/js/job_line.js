@@ -1,5 +1,6 @@
 // The running job, its progress, and a way to end it; then what became of it: a trial in a card, others in a sentence.
 
+import { TWO } from "./arms.js";
 import { forgetErrors, showError } from "./errors.js";
 import { stop } from "./stop.js";
 import { TrialCard } from "./trial_card.js";
@@ -31,7 +32,7 @@ export function sentence(job, fault) {
 // onFinished is told when a job that was seen running has ended.
 export function startJobLine(live, onFinished) {
   const line = document.getElementById("job-line");
-  const card = new TrialCard(live);
+  const card = TWO ? new TrialCard(live) : null; // of a grab
   let last = null;
   document.getElementById("cancel").addEventListener("click", stop);
   live.onView(({ status }) => {
@@ -44,14 +45,14 @@ export function startJobLine(live, onFinished) {
     document.getElementById("progress-row").hidden = !active || ["teleoperation", "guide"].includes(job.kind); // they have no length
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
-    if (job.kind === "trial" && !active && job.log !== null) card.show(job.log);
-    else if (job.kind === "trial" && active) card.wait();
-    else card.hide();
+    if (job.kind === "trial" && !active && job.log !== null) card?.show(job.log);
+    else if (job.kind === "trial" && active) card?.wait();
+    else card?.hide();
     const state = `${job.number} ${job.state}`;
     if (last !== null && last !== state && !active) {
       onFinished();
       if (job.success) forgetErrors(ABOUT);
-      if (job.state === "failed" && status.reason === null) showError(`${text} Both arms are stopped.`, "", ABOUT);
+      if (job.state === "failed" && status.reason === null) showError(`${text} ${TWO ? "Both arms are" : "The arm is"} stopped.`, "", ABOUT);
     }
     last = state;
   });

@@ -3,6 +3,7 @@
 import { post } from "./api.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
+import { valueOf } from "./field_refusal.js";
 import { WHAT } from "./job_line.js";
 
 const write = (element, text) => {
@@ -13,7 +14,7 @@ export function bodyOf(form) {
   const body = {};
   for (const field of form.elements) {
     if (!field.name) continue;
-    body[field.name] = field.type === "number" ? field.valueAsNumber : field.value;
+    body[field.name] = valueOf(field);
   }
   return body;
 }

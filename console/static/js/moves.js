@@ -1,6 +1,7 @@
 // Buttons for motions of arms that stand anywhere: go to the start, put down what is held, open.
 
 import { post } from "./api.js";
+import { UNCHANGED } from "./arms.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
 
@@ -13,7 +14,7 @@ export function startMoves(bar, live) {
       try {
         await post("/api/jobs/move", { motion: button.dataset.motion });
       } catch (error) {
-        showError(`${button.textContent}: not begun: ${error.message}. Both arms stay as they are.`);
+        showError(`${button.textContent}: not begun: ${error.message}. ${UNCHANGED}`);
       }
     });
   }

@@ -1,5 +1,6 @@
 // The page Operate: puts its parts together.
 
+import { TWO } from "./arms.js";
 import { startCalibration } from "./calibrate.js";
 import { Control } from "./control.js";
 import { startDesk } from "./desk.js";
@@ -22,26 +23,29 @@ import { startTraining } from "./training.js";
 const live = startFrame();
 const filter = document.getElementById("filter");
 new Control(live);
-const trial = document.getElementById("trial");
-for (const form of [trial, document.getElementById("demonstration")]) remember(form.id, form.elements);
-const references = new References(trial, [trial.elements.object], (object) => {
-  if ([...trial.elements.object.options].some((option) => option.value === object)) trial.elements.object.value = object;
-});
+const trial = document.getElementById("trial"); // what a grab takes is there for two arms alone
+let references = null;
+if (TWO) {
+  for (const form of [trial, document.getElementById("demonstration")]) remember(form.id, form.elements);
+  references = new References(trial, [trial.elements.object], (object) => {
+    if ([...trial.elements.object.options].some((option) => option.value === object)) trial.elements.object.value = object;
+  });
+}
 const logs = new LogTable(document.getElementById("logs"), () => ({ q: filter.value.trim() }), { why: document.getElementById("filter-why") });
 filter.addEventListener("input", () => logs.refresh());
-new Jobs(live, references);
-references.refresh();
+if (TWO) new Jobs(live, references);
+references?.refresh();
 startJobLine(live, () => {
   logs.refresh();
-  references.refresh();
+  references?.refresh();
 });
 startDesk(live);
 startStrips(live);
-startGhost(document.getElementById("trial"), live);
+if (TWO) startGhost(trial, live);
 startMoves(document.getElementById("moves"), live);
 new Teleoperate(live);
 new Policies(live);
-new Plan(document.getElementById("trial"), live);
+if (TWO) new Plan(trial, live);
 const training = document.getElementById("training");
 if (training) startTraining(training, live);
 startCalibration(document.getElementById("calibration"));

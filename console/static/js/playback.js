@@ -1,6 +1,7 @@
 // A log on the arms themselves: says how fast it may be played, asks once, shows how far it is, and ends it softly.
 
 import { get, post } from "./api.js";
+import { ALL_ARMS, TWO, UNCHANGED } from "./arms.js";
 import { whyNot } from "./control.js";
 import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
@@ -44,7 +45,7 @@ class Limit {
   offer(fastest, refused) {
     this.known = true;
     this.refused = refused;
-    this.said = refused === null ? `At most ${fastest}x: faster is beyond the arms' limits.` : `It cannot be played: ${refused}`;
+    this.said = refused === null ? `At most ${fastest}x: faster is beyond ${TWO ? "the arms'" : "the arm's"} limits.` : `It cannot be played: ${refused}`;
     if (fastest === null) return;
     const select = $("arms-speed");
     const chosen = parseFloat(select.value);
@@ -67,15 +68,16 @@ export function startPlayback(id, live) {
 
   $("arms-play").addEventListener("click", async () => {
     const speed = parseFloat($("arms-speed").value);
-    const where = document.querySelector(".badge.real") ? "the REAL arms" : "the simulated arms";
+    const where = `the ${document.querySelector(".badge.real") ? "REAL" : "simulated"} ${TWO ? "arms" : "arm"}`;
     const question = `Play this log on ${where} at ${speed}x?`;
-    const details = "Both arms go to where the log begins, then along its path. Nothing may be in their way: take the object out of the cell.";
+    const go = TWO ? "Both arms go to where the log begins, then along its path. Nothing may be in their way" : "The arm goes to where the log begins, then along its path. Nothing may be in its way";
+    const details = `${go}: take the object out of the cell.`;
     if (!(await ask({ question, details, yes: "Play" }))) return;
     $("arms-play").disabled = true;
     try {
       await post("/api/jobs/playback", { log: id, speed });
     } catch (error) {
-      showError(`Not played: ${error.message}. Both arms stay as they are.`);
+      showError(`Not played: ${error.message}. ${UNCHANGED}`);
     }
   });
 
@@ -91,7 +93,7 @@ export function startPlayback(id, live) {
     if (whyNot(view) === null) limit.ask();
     const why = whyNot(view) ?? limit.refused ?? (limit.known ? null : limit.said || "how fast it may be played is not known yet");
     $("arms-play").disabled = why !== null;
-    $("arms-play").title = why ?? "Play this log on both arms, with a soft start and a soft stop";
+    $("arms-play").title = why ?? `Play this log on ${ALL_ARMS}, with a soft start and a soft stop`;
     const last = view.status?.job;
     const job = last?.kind === "playback" && last.title.startsWith(`${name} at `) ? last : null;
     const runs = job?.state === "running" && view.status.holder === view.you;

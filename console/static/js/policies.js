@@ -31,7 +31,7 @@ export class Policies {
     }
     const job = status?.job;
     const runs = job?.kind === "teleoperation" && job.state === "running";
-    const why = runs ? (status.holder === you ? null : "Another operator moves the arms") : whyNot({ ...view, status, you, hand }) ?? "Practise or record first";
+    const why = runs ? (status.holder === you ? null : "Another operator moves the cell") : whyNot({ ...view, status, you, hand }) ?? "Practise or record first";
     $("lend").disabled = why !== null;
     $("policy").disabled = hand.policy !== null;
     $("lend").textContent = hand.policy ? "Take back" : "Let it lead";

@@ -140,7 +140,8 @@ export class Queue {
     const many = entry.repetitions > 1 ? `, ${entry.repetition} of ${entry.repetitions}` : "";
     const followed = cell(row, `${entry.followed}${many}`);
     followed.title = followed.textContent;
-    cell(row, trial.reaction === "continue" ? plain(trial.controller) : `${plain(trial.controller)}, ${trial.reaction}`);
+    const besides = [trial.reaction === "continue" ? null : trial.reaction, trial.law_inertia && `law with ${trial.law_inertia}`];
+    cell(row, [plain(trial.controller), ...besides].filter(Boolean).join(", "));
     cell(row, plain(trial.object));
     cell(row, shift(trial), "number");
     cell(row, plain(trial.seed), "number");

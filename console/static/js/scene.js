@@ -1,14 +1,15 @@
 // The 3D scene in its frame: full drawing with a graphics card, light drawing without; camera places; the whole page.
 
+import { TWO } from "./arms.js";
 import { isTextField, listenForSpace } from "./stop.js";
 
 const KEY = "rtstack.detail";
 
 // Where the camera can look from, in the world: position, then what it looks at. The impact is along y.
 const PLACES = {
-  front: { key: "KeyF", title: "From in front of the arms (F)", from: [1.9, 0, 0.95], at: [0, 0, 0.3] },
+  front: { key: "KeyF", title: `From in front of the ${TWO ? "arms" : "arm"} (F)`, from: [1.9, 0, 0.95], at: [0, 0, 0.3] },
   top: { key: "KeyT", title: "From above (T)", from: [-0.02, 0, 2.2], at: [0, 0, 0.2] },
-  along: { key: "KeyY", title: "Along the direction of the impact, from the right arm's side (Y)", from: [0.5, -1.7, 0.75], at: [0.02, 0, 0.3] },
+  along: { key: "KeyY", title: TWO ? "Along the direction of the impact, from the right arm's side (Y)" : "Along y, towards the world's left (Y)", from: [0.5, -1.7, 0.75], at: [0.02, 0, 0.3] },
 };
 const ENLARGE = "KeyV";
 

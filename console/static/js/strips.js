@@ -1,12 +1,12 @@
-// The last ten seconds of both arms, on canvases: force, speed and mode, as the robot said them; a gap where it said
+// The last ten seconds of the arms, on canvases: force, speed and mode, as the robot said them; a gap where it said
 // nothing.
 
+import { SIDES } from "./arms.js";
 import { pen } from "./canvas.js";
 import { modeColour, wordOf } from "./modes.js";
 
 const SECONDS = 10;
 const DRAW_MS = 100; // a view comes every 50 ms: drawing each of them costs more than it shows
-const SIDES = ["left", "right"];
 
 class Strip {
   constructor(canvas) {
@@ -91,9 +91,9 @@ const write = (id, text) => {
 
 export function startStrips(live) {
   const canvas = (id) => document.getElementById(id);
-  const solid = [["--left", []], ["--right", []]];
-  const force = new Curves(canvas("force-strip"), 10, solid);
-  const speed = new Curves(canvas("speed-strip"), 0.1, [...solid, ["--left", [3, 3]], ["--right", [3, 3]]]);
+  const lines = (dash) => SIDES.map((side) => [`--${side}`, dash]);
+  const force = new Curves(canvas("force-strip"), 10, lines([]));
+  const speed = new Curves(canvas("speed-strip"), 0.1, [...lines([]), ...lines([3, 3])]);
   const mode = new Modes(canvas("mode-strip"));
   const text = (value, digits) => (value === null ? "-" : value.toFixed(digits));
   live.onView((view) => {
@@ -106,6 +106,6 @@ export function startStrips(live) {
     write("force-value", `${of("force_n").map((value) => text(value, 0)).join(" / ")} N`);
     write("speed-now", `${of("pad_speed_m_s").map((value) => text(value, 2)).join(" / ")} m/s`);
     const words = known.map((name) => (name === null ? "-" : wordOf(name)));
-    write("mode-now", words[0] === words[1] ? words[0] : words.join(" / "));
+    write("mode-now", [...new Set(words)].length === 1 ? words[0] : words.join(" / "));
   });
 }

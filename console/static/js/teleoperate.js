@@ -1,6 +1,7 @@
 // The panel of the hand: start and finish, the clutch, how the arms follow, and what the pads feel.
 
 import { post } from "./api.js";
+import { ALL_ARMS, SIDES, TWO, UNCHANGED } from "./arms.js";
 import { showCamera } from "./camera.js";
 import { latencyLine } from "./commands.js";
 import { whyNot } from "./control.js";
@@ -11,10 +12,12 @@ import { remember } from "./memory.js";
 import { isTextField } from "./stop.js";
 
 const $ = (id) => document.getElementById(id);
-const COUPLINGS = { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" };
+const COUPLINGS = TWO ? { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" } : {}; // one arm has no other
+const THE_ARMS = TWO ? "the arms" : "the arm";
+const READY = TWO ? "The arms are being made ready" : "The arm is being made ready";
 
-const GUIDE = "Hold: a person may push both arms, back from beyond a limit too; they stop when it is let go";
-const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten", SpaceMouse: "its left button" };
+const GUIDE = `Hold: a person may push ${ALL_ARMS}, back from beyond a limit too; ${TWO ? "they stop" : "it stops"} when it is let go`;
+const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten", SpaceMouse: "its first button" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -46,7 +49,7 @@ export class Teleoperate {
         this.hand.say({ [key]: $(id).valueAsNumber });
       });
     }
-    $("keys-side").addEventListener("change", () => this.choose());
+    $("keys-side")?.addEventListener("change", () => this.choose());
     for (const device of [this.hand.spaceMouse, this.hand.phone]) {
       $(device.name.toLowerCase()).addEventListener("click", () => this.find(device));
     }
@@ -79,7 +82,7 @@ export class Teleoperate {
 
   // Which hand a device for one hand leads, and whether a phone turns it.
   choose() {
-    for (const device of this.hand.devices) device.side = $("keys-side").value;
+    for (const device of this.hand.devices) device.side = $("keys-side")?.value ?? SIDES[0];
     this.hand.phone.turns = document.querySelector("input[name=handles]:checked").value === "turn";
   }
 
@@ -113,7 +116,7 @@ export class Teleoperate {
       await post("/api/jobs/guide");
     } catch (error) {
       this.guiding = false;
-      showError(`Not begun: ${error.message}. Both arms stay as they are.`);
+      showError(`Not begun: ${error.message}. ${UNCHANGED}`);
     }
   }
 
@@ -136,13 +139,13 @@ export class Teleoperate {
     try {
       await post("/api/jobs/teleoperation", order);
       this.hand.say({
-        coupling: document.querySelector("input[name=coupling]:checked").value,
+        ...(TWO && { coupling: document.querySelector("input[name=coupling]:checked").value }),
         speed_m_s: $("speed").valueAsNumber,
         stiffness_n_m: $("stiffness").valueAsNumber,
         handles: document.querySelector("input[name=handles]:checked").value,
       });
     } catch (error) {
-      showError(`Not started: ${error.message}. Both arms stay as they are.`);
+      showError(`Not started: ${error.message}. ${UNCHANGED}`);
     }
   }
 
@@ -165,7 +168,7 @@ export class Teleoperate {
     const job = status?.job;
     const active = job?.kind === "teleoperation" && ["starting", "running", "stopping"].includes(job.state);
     const mine = status?.holder === you;
-    const led = view.left.mode === "TELEOPERATION" && view.right.mode === "TELEOPERATION";
+    const led = SIDES.every((side) => view[side].mode === "TELEOPERATION");
     const guided = job?.kind === "guide" && job.state === "running";
     this.hand.usable = ((active && job.state === "running" && led) || guided) && mine && !view.unreachable;
     if (!this.hand.usable && this.hand.held) this.hand.letGo(false);
@@ -177,9 +180,9 @@ export class Teleoperate {
     const why = whyNot(view);
     $("practise").hidden = $("record").hidden = active;
     $("finish").hidden = !active;
-    allow($("practise"), why, "Move the arms by hand; it is logged, and no reference");
-    allow($("record"), why, "Record a reference by hand, from the arms' home (R)");
-    allow($("finish"), !mine ? "Only the operator with control" : job?.state === "running" ? null : "Wait a moment", "Stop the arms and finish the log (R)");
+    allow($("practise"), why, `Move ${THE_ARMS} by hand; it is logged, and no ${TWO ? "reference" : "recording"}`);
+    allow($("record"), why, TWO ? "Record a reference by hand, from the arms' home (R)" : "Record by hand, from the arm's home (R)");
+    allow($("finish"), !mine ? "Only the operator with control" : job?.state === "running" ? null : "Wait a moment", `Stop ${THE_ARMS} and finish the log (R)`);
     for (const input of document.querySelectorAll("input[name=release], #hand-object")) input.disabled = active;
     for (const input of document.querySelectorAll("input[name=coupling], input[name=handles], #speed, #stiffness")) input.disabled = active && !mine;
     this.showClutch(view, active, mine, why);
@@ -194,7 +197,7 @@ export class Teleoperate {
     write(clutch, held ? "Clutch held" : "Hold to move");
     const line = $("hand-line");
     const refused = active ? view.hand.refusal : null;
-    const usable = this.hand.usable ? null : why ?? (active ? "The arms are being made ready" : "Start or record first");
+    const usable = this.hand.usable ? null : why ?? (active ? READY : "Start or record first");
     allow(clutch, usable);
     allow($("undo"), usable ?? (view.hand.drags || this.hand.by === "undo" ? null : "No drag to undo"), "Hold: the hands go back to where they were before the last drag");
     allow($("straighten"), usable, "Hold: the hands turn until they are square to the table");
@@ -206,10 +209,13 @@ export class Teleoperate {
 
   hint(active, held, mine, why) {
     if (!active) return why ?? "";
-    if (!mine) return "Another operator moves the arms.";
+    if (!mine) return `Another operator moves ${THE_ARMS}.`;
     const holds = document.querySelector("input[name=release]:checked").value === "hold";
-    if (held) return `The arms follow. Let go of ${HELD[this.hand.by] ?? "the clutch"}: they ${holds ? "hold where they are" : "stop"}.`;
-    if (!this.hand.usable) return "The arms are being made ready.";
+    if (held) {
+      const then = TWO ? `they ${holds ? "hold where they are" : "stop"}` : `it ${holds ? "holds where it is" : "stops"}`;
+      return `${TWO ? "The arms follow" : "The arm follows"}. Let go of ${HELD[this.hand.by] ?? "the clutch"}: ${then}.`;
+    }
+    if (!this.hand.usable) return `${READY}.`;
     const what = $("drag-holds").checked ? "Drag" : "Hold C and drag";
     return `${what} ${document.querySelector("input[name=handles]:checked").value === "turn" ? "a ring" : "an arrow"} in the scene, or hold C and jog with W A S D Q E.`;
   }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rtstack.control.controller import ObservedArm
 from rtstack.control.modes import Strategy
-from rtstack.control.tick import DualArmController
+from rtstack.control.tick import CellController
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import ControllerRequest
 
@@ -19,7 +19,7 @@ CORRECTION = 10.0  # 1/s: how fast the joint references make up for an error of 
 REGULARISATION = 1e-3  # of the inverse kinematics, (m/rad)^2
 
 
-def joint_tracking(request: ControllerRequest) -> DualArmController:
+def joint_tracking(request: ControllerRequest) -> CellController:
     """Return the controller for a session. References change at the nominal impact, by time."""
     left, right = request.arms
     modes = request.modes(Strategy.NO_REFERENCE_SPREADING)

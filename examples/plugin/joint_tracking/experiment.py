@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, load_toml
+from hal.base.configuration import STRICT, load_toml
 from rtstack.cells import default_cell_file, load_description, open_cell
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table

@@ -20,7 +20,7 @@ import time
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.cells import load_description
 from rtstack.model.arm_model import flange_pose
 from rtstack.model.cell_description import ArmMounting, base_poses
@@ -35,7 +35,7 @@ class Leader:
 
     def __init__(self, argument: str) -> None:
         description, _ = load_description(None)
-        self._arms = tuple(zip((description.left, description.right), base_poses(description), strict=True))
+        self._arms = tuple(zip(description.arms, base_poses(description), strict=True))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", int(argument or PORT)))
         self._socket.setblocking(False)
@@ -78,7 +78,7 @@ class Leader:
 def simulated(port: int, rest_s: float = 2.0, swing_s: float = 4.0) -> None:
     """Be a leader that rests at the follower's home, and then swings both shoulders there and back once."""
     description, _ = load_description(None)
-    home = np.array([description.left.home, description.right.home])
+    home = description.home
     to, began_s = ("127.0.0.1", port), time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for sequence in range(1, round((2.0 * rest_s + swing_s) / PERIOD_S) + 1):

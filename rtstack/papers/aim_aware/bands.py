@@ -1,4 +1,4 @@
-"""Which inclinations a tuning expects always, sometimes and never: Figure 7 in numbers."""
+"""Which inclinations a tuning expects always, sometimes and never: Figures 7 and 8 in numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,10 +9,19 @@ from rtstack.experiments.experiment import Row
 
 @dataclass(frozen=True, slots=True)
 class Bands:
-    """shares: inclination, degrees -> share of its cases that were expected, in the order of the inclinations."""
+    """shares: inclination, degrees -> share of its cases that were expected, in the order of the inclinations.
+
+    cases: how many; fewest: of an inclination.
+    """
 
     shares: dict[float, float]
     cases: int
+    fewest: int = 2
+
+    @property
+    def certain(self) -> list[float]:
+        """The inclinations that are always expected, wherever they lie."""
+        return [deg for deg, share in self.shares.items() if share == 1.0]
 
     @property
     def always(self) -> tuple[float, float] | None:
@@ -21,10 +30,9 @@ class Bands:
         return (edges[0], edges[1]) if self.shares.get(0.0) == 1.0 else None
 
     @property
-    def sometimes(self) -> tuple[list[float], list[float]]:
-        """The inclinations that are sometimes expected, below 0 and above it."""
-        some = [deg for deg, share in self.shares.items() if 0.0 < share < 1.0]
-        return [deg for deg in some if deg < 0.0], [deg for deg in some if deg > 0.0]
+    def sometimes(self) -> list[float]:
+        """The inclinations that are sometimes expected."""
+        return [deg for deg, share in self.shares.items() if 0.0 < share < 1.0]
 
     @property
     def never(self) -> tuple[float | None, float | None]:
@@ -44,6 +52,14 @@ class Bands:
             inf if above is None else above - always[1],
         )
 
+    def words(self) -> str:
+        """Return what is always expected in words."""
+        if self.always is None:
+            others = ", ".join(f"{deg:+g}" for deg in self.certain)
+            return f"not 0 deg ({100.0 * self.shares.get(0.0, 0.0):.0f} %)" + f", but {others} deg" * bool(others)
+        low, high = self.always
+        return "0 deg" if low == high == 0.0 else f"{low:+g} .. {high:+g} deg"
+
     def _outwards(self, sign: float) -> float:
         edge = 0.0
         for deg in sorted((deg for deg in self.shares if sign * deg > 0.0), key=abs):
@@ -60,4 +76,4 @@ def bands(rows: Sequence[Row], monitor: str) -> Bands:
         expected = row[f"verdict_{monitor}"] == "expected"
         counts.setdefault(row["inclination_deg"], []).append(int(expected))
     shares = {deg: sum(values) / len(values) for deg, values in sorted(counts.items())}
-    return Bands(shares, len(rows))
+    return Bands(shares, len(rows), min(map(len, counts.values()), default=0))

@@ -1,101 +1,203 @@
-"""The paper's claims about the planar study, one by one, with what came out here."""
+"""What decides the claims about both studies, which their plans fix: one function a kind of claim."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
+from typing import TYPE_CHECKING, Any
 
-from rtstack.experiments.claims import Claim, verdict_of
+from rtstack.experiments.claims import ClaimStatus, order, shown, verdict_of
 from rtstack.experiments.experiment import Row
+from rtstack.experiments.registration import Finding, Judge, judged
+from rtstack.experiments.report import Section
+from rtstack.experiments.statistics import Interval, proportion
 from rtstack.papers.aim_aware.bands import Bands, bands
-from rtstack.papers.aim_aware.study import PlanarColumn, StudyRun
 
-WITHIN_DEG = 1.0  # of the paper's edges: the grid's resolution
-PAPER_AMBIGUITY_DEG = 2.0  # "about 2 deg", a side
-MOST_AMBIGUITY_DEG = 3.0
+if TYPE_CHECKING:
+    from rtstack.papers.aim_aware.outline import Portion
+
+LETTERS = "paper_"  # prefix of a tuning's name: with the paper's own epsilon and e_m
+SHARED = ("feasible", "second corner")  # judges of claims that do not depend on epsilon and e_m
+SECOND_MS = 5.0  # the mark of Section III-B
+# seen in the signals of 64deg-0.22m--1deg and 118deg-0.24m--1deg
+GENTLE = "the second corner touches with few newtons while the first one lifts, and the rate of r rises with its force."
 
 
-def judge(run: StudyRun, rows: Sequence[Row]) -> list[Claim]:
-    """Return every claim with its verdict; rows: of cases that the tuning has not seen."""
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Rows as tunings see them. prefix: of the tunings' names; found: by tuning, without prefix."""
+
+    run: "Portion[Any, Any]"
+    rows: Sequence[Row]
+    prefix: str
+    found: Mapping[str, Bands]
+
+    @classmethod
+    def of(cls, run: "Portion[Any, Any]", rows: Sequence[Row], prefix: str = "") -> "Evaluation":
+        """Return the evaluation of these rows."""
+        return cls(run, rows, prefix, {name: bands(rows, prefix + name) for name in run.study.tunings})
+
+    def share(self, tuning: str, rows: Sequence[Row], *reasons: str) -> Interval | None:
+        """Return the share that is expected; reasons: for which a row that is unexpected counts as expected too."""
+        verdict, reason = f"verdict_{self.prefix}{tuning}", f"reason_{self.prefix}{tuning}"
+        return proportion(sum(row[verdict] == "expected" or row[reason] in reasons for row in rows), len(rows))
+
+    def counted(self, holds: bool) -> ClaimStatus:
+        """Return the verdict of "always" or "never": a counterexample excludes it; of hits with noise, none of some
+        does not prove it; one case an inclination tells nothing.
+        """
+        if not holds:
+            return ClaimStatus.DIFFERS
+        if min(each.fewest for each in self.found.values()) < 2:
+            return ClaimStatus.UNDECIDED
+        return ClaimStatus.WITHIN if self.run.study.noisy else ClaimStatus.HOLDS
+
+
+def at_contact(run: "Portion[Any, Any]", rows: Sequence[Row], number: int, mapped: bool) -> list[Row]:
+    """Return the rows of a contact that are, or are not, points of the map."""
+    points = {(case.approach_deg, case.location_m, case.inclination_deg) for case in run.study.contacts.grid.cases()}
+    here = (row for row in rows if row["contact"] == number)
+    return [
+        row for row in here
+        if ((row["approach_deg"], row["location_m"], row["inclination_deg"]) in points) is mapped
+    ]  # fmt: skip
+
+
+def evaluated(run: "Portion[Any, Any]", rows: Sequence[Row], every: Sequence[Row]) -> list[Section]:
+    """Return the claims of a plan twice, with the paper's letters and with our tuning; what both share stands apart.
+
+    rows: the judged ones; every: with those of the contacts that are run at all points, which are judged where the map
+    has none.
+    """
     if not rows:
         return []
-    found = {name: bands(rows, name) for name in run.study.tunings}
-    claims: list[Claim] = []
-    for name, column in run.study.tunings.items():
-        claims += _of_tuning(name, column, found[name])
-    return [*claims, growing("IV-A", found), _consistent(found), _feasible(rows)]
+    of_tunings, shared = ([claim for claim in run.claims if (claim.judge in SHARED) is each] for each in (False, True))
+    sections = [("with the paper's letters", LETTERS, of_tunings), ("with our tuning", "", of_tunings)]
+    judge = [(name, claims, Evaluation.of(run, rows, prefix)) for name, prefix, claims in sections]
+    judge.append(("whatever the tuning", shared, Evaluation.of(run, rows)))
+    for number in run.study.contacts.whole if run.contacts else ():
+        unseen = at_contact(run, every, number, mapped=False)
+        values = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in run.contacts[number - 1].items())
+        if unseen:
+            judge.append((f"with the paper's letters and {values}", of_tunings, Evaluation.of(run, unseen, LETTERS)))
+    return [Section(name, judged(claims, JUDGES, evaluation)) for name, claims, evaluation in judge if claims]
 
 
-def band_words(edges: tuple[float, float] | None) -> str:
-    """Return a band in words."""
-    if edges is None:
-        return "none: not even 0 deg"
-    return "0 deg" if edges == (0.0, 0.0) else f"{edges[0]:+g} .. {edges[1]:+g} deg"
+def _about(e: Evaluation, at: str, wanted: tuple[float, float]) -> Finding:
+    """Judge whether all these inclinations are always expected, and none beyond them by more than the mark."""
+    found, within = e.found[at], e.run.study.marks.within_deg
+    low, high = found.always or (inf, -inf)
+    near = wanted[0] - within <= low <= wanted[0] and wanted[1] <= high <= wanted[1] + within
+    inside = [row for row in e.rows if wanted[0] <= row["inclination_deg"] <= wanted[1]]
+    share = shown(e.share(at, inside), " %", 0, 100.0)
+    return Finding(f"{found.words()}; of the claimed band {share} are expected", e.counted(near), _why(e, at, inside))
 
 
-def side_words(sides: tuple[list[float], list[float]]) -> str:
-    """Return the ambiguous inclinations of both sides in words."""
-    below, above = (", ".join(f"{deg:+g}" for deg in side) or "none" for side in sides)
-    return f"below: {below}; above: {above}"
+def _why(e: Evaluation, at: str, rows: Sequence[Row]) -> str:
+    """Say which conditions, and which approach angles, make impacts unexpected that are claimed to be expected."""
+    lost = [row for row in rows if row[f"verdict_{e.prefix}{at}"] != "expected"]
+    reasons = Counter(row[f"reason_{e.prefix}{at}"].replace("_", " ") for row in lost)
+    angles = Counter(row["approach_deg"] for row in lost) if e.run.study.noisy else {}
+    words = [*(f"{name} {count}" for name, count in reasons.items()), *(f"{n} at {a:g} deg" for a, n in angles.items())]
+    where = " Other contacts: see the map of the report." if e.prefix else ""
+    return f"First condition that is not met, and approach angle: {', '.join(words)}.{where}" if words else ""
 
 
-def _of_tuning(name: str, column: PlanarColumn, found: Bands) -> list[Claim]:
-    where, wanted = f"Figure 7({name})", column.always_deg
-    always, never = found.always, found.never
-    meant = "0 deg is" if wanted == 0.0 else f"-{wanted:g} .. +{wanted:g} deg are"
-    beyond = wanted + PAPER_AMBIGUITY_DEG
-    near = always is not None and all(abs(abs(edge) - wanted) <= WITHIN_DEG for edge in always)
-    far = all(edge is not None and abs(abs(edge) - beyond) <= WITHIN_DEG for edge in never)
-    widths = found.ambiguity_deg
-    sometimes = side_words(found.sometimes)
-    return [
-        Claim(where, f"{meant} always expected (within 1 deg)", band_words(always), verdict_of(near)),
-        Claim(
-            where,
-            "an area of about 2 deg on each side is neither always expected nor always unexpected (3 at most)",
-            f"{width_words(widths[0])} and {width_words(widths[1])}; sometimes expected are {sometimes}",
-            verdict_of(all(width <= MOST_AMBIGUITY_DEG for width in widths)),
-        ),
-        Claim(
-            where,
-            f"beyond, from {beyond:g} deg on, 100 % are unexpected (within 1 deg)",
-            f"from {edge_words(never[0])} and {edge_words(never[1])} deg on",
-            verdict_of(far),
-        ),
-    ]
+def _ambiguity(e: Evaluation, at: Any) -> Finding:
+    found = e.found[at]
+    below, above = map(_width, found.ambiguity_deg)
+    some = ", ".join(f"{deg:+g} ({100.0 * found.shares[deg]:.0f} %)" for deg in found.sometimes) or "none"
+    ours = f"{below} below and {above} above; sometimes expected are {some}"
+    if found.always is None:
+        return Finding(ours, ClaimStatus.UNDECIDED, "0 deg is not always expected: the area has no inner edge.")
+    return Finding(ours, e.counted(max(found.ambiguity_deg) <= e.run.study.marks.ambiguity_deg))
 
 
-def width_words(width_deg: float) -> str:
-    """Return an ambiguous width in words."""
+def _beyond(e: Evaluation, at: Any) -> Finding:
+    """All are unexpected from the paper's band and its ambiguous area on."""
+    column, never, within = e.run.study.tunings[at], e.found[at].never, e.run.study.marks.within_deg
+    edges = (column.always_deg[0] - column.ambiguity_deg, column.always_deg[1] + column.ambiguity_deg)
+    near = all(a is not None and abs(a - b) <= within for a, b in zip(never, edges, strict=True))
+    inside = any(a is not None and abs(a) < abs(b) - within for a, b in zip(never, edges, strict=True))
+    return Finding(_from(never), e.counted(near), "What is always expected is narrower already." if inside else "")
+
+
+def _ends(e: Evaluation, at: Any) -> Finding:
+    never = e.found[at].never
+    return Finding(_from(never), e.counted(None not in never))
+
+
+def _from(never: tuple[float | None, float | None]) -> str:
+    below, above = ("nowhere" if edge is None else f"{edge:+g}" for edge in never)
+    return f"from {below} and {above} deg on"
+
+
+def _width(width_deg: float) -> str:
     return "no end" if width_deg == inf else f"{width_deg:g} deg"
 
 
-def edge_words(edge: float | None) -> str:
-    """Return the edge of what is never expected in words."""
-    return "nowhere" if edge is None else f"{edge:+g}"
+def _growing(e: Evaluation, at: Any) -> Finding:
+    shares = {name: e.share(name, e.rows) for name in e.found}
+    ours = "; ".join(f"({name}) {shown(share, ' %', 1, 100.0)}" for name, share in shares.items())
+    return Finding(f"expected of all: {ours}", order(pairwise(shares.values())))
 
 
-def growing(where: str, found: Mapping[str, Bands]) -> Claim:
-    """Return the claim that the tunings, from the first to the last one, expect more and more."""
-    widths = [each.always[1] - each.always[0] if each.always else -1.0 for each in found.values()]
-    grows = all(before < after for before, after in pairwise(widths))
-    ours = "; ".join(f"({name}) {band_words(each.always)}" for name, each in found.items())
-    names = list(found)
-    says = f"the sensitivity can be tuned: the band grows from ({names[0]}) to ({names[-1]})"
-    return Claim(where, says, ours, verdict_of(grows))
+def _alike(e: Evaluation, at: Any) -> Finding:
+    widest = {name: max(each.ambiguity_deg) for name, each in e.found.items()}
+    ours = "; ".join(f"({name}) {_width(width)} on the wider side" for name, width in widest.items())
+    if any(each.always is None for each in e.found.values()):
+        return Finding(ours, ClaimStatus.UNDECIDED, "A tuning that does not always expect 0 deg has no band.")
+    return Finding(ours, e.counted(max(widest.values()) - min(widest.values()) <= e.run.study.marks.within_deg))
 
 
-def _consistent(found: dict[str, Bands]) -> Claim:
-    widest = {name: max(each.ambiguity_deg) for name, each in found.items()}
-    ours = "; ".join(f"({name}) {width_words(width)} on the worse side" for name, width in widest.items())
-    alike = max(widest.values()) - min(widest.values()) <= WITHIN_DEG
-    return Claim("IV-A", "the ambiguous area is of much the same width with every sensitivity", ours, verdict_of(alike))
-
-
-def _feasible(rows: Sequence[Row]) -> Claim:
-    least = min(row["impulse_ns"] for row in rows)
-    return Claim(
-        "II-B",
-        "the map (4) applies: both corners hit together, and neither impulse is negative",
-        f"the smallest impulse of all planned impacts is {least:.3f} Ns",
-        verdict_of(least >= 0.0),
+def _time_window(e: Evaluation, at: Any) -> Finding:
+    """(17) refuses what (10) to (12) let pass."""
+    pairs = [(e.share(name, e.rows), e.share(name, e.rows, "envelope")) for name in e.found]
+    ours = "; ".join(
+        f"({name}) {shown(both, ' %', 1, 100.0)} with (17), {shown(static, ' %', 1, 100.0)} without"
+        for name, (both, static) in zip(e.found, pairs, strict=True)
     )
+    return Finding(f"expected of all: {ours}", order(pairs))
+
+
+def _off_centre(e: Evaluation, at: Any) -> Finding:
+    """What is always expected lies to one side of 0."""
+    certain = e.found[at].certain
+    if not certain:
+        return Finding("nothing is always expected", ClaimStatus.UNDECIDED)
+    off = abs(certain[0] + certain[-1]) >= e.run.study.marks.within_deg
+    return Finding(f"always expected: {', '.join(f'{deg:+g}' for deg in certain)} deg", e.counted(off))
+
+
+def _asymmetric(e: Evaluation, at: Any) -> Finding:
+    """More is expected on one side of 0 than on the other."""
+    sides = [e.share(at, [row for row in e.rows if sign * row["inclination_deg"] > 0.0]) for sign in (-1.0, 1.0)]
+    one, other = sorted(sides, key=lambda side: side.mean if side else 0.0)
+    verdict = order([(one, other)])
+    below, above = (shown(side, " %", 0, 100.0) for side in sides)
+    return Finding(f"expected below 0: {below}; above: {above}; {_from(e.found[at].never)} nothing", verdict)
+
+
+def _feasible(e: Evaluation, at: Any) -> Finding:
+    least = min(row["impulse_ns"] for row in e.rows)
+    return Finding(f"the smallest impulse of all planned impacts is {least:.3f} Ns", verdict_of(least >= 0.0))
+
+
+def _second(e: Evaluation, at: Any) -> Finding:
+    """The second corner's impact is detected while the first corner is in contact."""
+    rows = [row for row in e.rows if row["inclination_deg"] != 0.0]
+    late = [row for row in rows if row["second_ms"] is None or row["second_ms"] > SECOND_MS]
+    ours = f"{len(rows) - len(late)} of {len(rows)} within {SECOND_MS:g} ms; others at most "
+    ours += f"{max((row['second_ms'] or inf for row in late), default=0.0):g} ms"
+    at_deg = ", ".join(f"{deg:+g}" for deg in sorted({row["inclination_deg"] for row in late}))
+    return Finding(ours, verdict_of(not late), f"All of the others at {at_deg} deg: {GENTLE}")
+
+
+JUDGES: dict[str, Judge] = {
+    "band": lambda e, at: _about(e, at, e.run.study.tunings[at].always_deg),
+    "mirrored band": lambda e, at: _about(e, at, e.run.study.tunings[at].mirrored().always_deg),
+    "ambiguity": _ambiguity, "beyond": _beyond, "ends": _ends,
+    "growing": _growing, "alike": _alike, "time window": _time_window, "off centre": _off_centre,
+    "asymmetric": _asymmetric, "feasible": _feasible, "second corner": _second,
+}  # fmt: skip

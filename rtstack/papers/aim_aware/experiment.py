@@ -1,4 +1,4 @@
-"""The studies of the collision-monitoring paper as kinds of experiments: impacts, each seen by every tuning."""
+"""Experiment kinds of the collision-monitoring paper: impacts, each judged by every tuning."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -17,27 +17,27 @@ P = TypeVar("P", bound=Portion[Any, Any])
 
 
 def run_once(run: Callable[[P, Sequence[Case]], list[Row]], portion: P, case: Case) -> None:
-    """Run a case, so that what is compiled is kept before the workers need it."""
+    """Run one case, so that compiled code is in the cache before the workers start."""
     run(portion, [case])
 
 
 class MonitorStudy(Experiment[P, Case]):
-    """What both studies have in common."""
+    """Common base of both studies."""
 
     unit = "simulations"
 
     @abstractmethod
     def work(self) -> Callable[[P, Sequence[Case]], list[Row]]:
-        """Return what runs cases of one batch."""
+        """Return the function that runs the cases of one batch."""
 
     def stages(self) -> Stages:
-        """Run one case before the others: what is compiled, is compiled once."""
-        first = next(self.specification.grid.cases())
+        """Run one case before the others, so that code is compiled once."""
+        first = next(self.specification.cases())
         yield Stage("compiling", [Task("compiling", run_once, (self.work(), self.specification, first))])
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
-        """Return the points of the grid."""
-        return list(self.specification.grid.cases())
+        """Return the points of the grid, and of the map of contacts."""
+        return list(self.specification.cases())
 
     def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
         """Return a task for each batch."""
@@ -47,17 +47,17 @@ class MonitorStudy(Experiment[P, Case]):
             yield Task(batch[0].id, run, (self.specification, batch), batch)
 
     def robot_s(self, row: Row) -> float:
-        """Return a simulation's duration."""
+        """Return the duration of a simulation, s."""
         return self.specification.study.task.duration_s
 
 
 class PlanarStudy(MonitorStudy[StudyRun]):
-    """Section IV-A: an arm of three joints in a plane, and a plant of its own."""
+    """Section IV-A: a planar arm with three joints, simulated by rtstack.papers.aim_aware.planar."""
 
     def __init__(self, specification: StudyRun, request: Request) -> None:
         from rtstack.papers.aim_aware.worker import columns
 
-        sources = [request.file.path, tuning_file(specification.name)]
+        sources = [tuning_file(specification.name)]  # without the plan file: rows do not depend on its claims
         super().__init__(specification, request, columns(specification), sources)
 
     @classmethod

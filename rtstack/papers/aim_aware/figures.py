@@ -1,6 +1,7 @@
-"""Figures 3, 4, 6 and 7 of the collision-monitoring paper, from this study's simulations."""
+"""Figures 3, 4, 6, 7 and 8 of the collision-monitoring paper, from this study's simulations."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,6 +13,7 @@ from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
 from rtstack.papers.aim_aware.bands import Bands
 from rtstack.papers.aim_aware.classification import Impact, Meant
+from rtstack.papers.aim_aware.grid import Column
 from rtstack.papers.aim_aware.planar.plan import Plan
 
 ANTE, POST, MEASURED, RED, BAND = "#009E73", "#E69F00", "#0072B2", "#D55E00", "#0072B2"
@@ -24,7 +26,7 @@ def _t_ms(impact: Impact[Meant]) -> NDArray[np.float64]:
 
 @mpl.rc_context(STYLE)
 def figure3(path: Path, impact: Impact[Plan]) -> None:
-    """Draw the ante- and post-impact references, dashed where extended, and what the arm did."""
+    """Draw the ante- and post-impact references, dashed where extended, and the measured motion."""
     figure, axes = new_figure(9.0, 4.2, nrows=2, ncols=3, sharex=True)
     t_ms = _t_ms(impact)
     shown = (t_ms > -200.0) & (t_ms < 200.0)
@@ -77,7 +79,7 @@ def figure4(path: Path, impact: Impact[Plan], parameters: MonitorParameters) -> 
 def figure6(
     path: Path, impacts: Sequence[Impact[Meant]], parameters: MonitorParameters, joints: Sequence[int] = (0, 1, 2)
 ) -> None:
-    """Draw the velocity error and its envelope; blue what is used for the verdict, red where it leaves zero out."""
+    """Draw the velocity error and its envelope; blue: used for the verdict; red: zero lies outside."""
     figure, axes = new_figure(9.0, 5.4, nrows=len(joints), ncols=len(impacts), sharex="col", sharey="row")
     for column, impact in enumerate(impacts):
         trace, t_ms = impact.trace(parameters), _t_ms(impact)
@@ -103,20 +105,25 @@ def figure6(
 
 
 @mpl.rc_context(STYLE)
-def shares(path: Path, found: Mapping[str, Bands], wanted: Mapping[str, tuple[float, float]]) -> None:
-    """Draw the share of expected impacts by inclination, a panel a tuning, with the paper's band: Figures 7 and 8."""
-    figure, axes = new_figure(7.5, 1.87 * len(found), nrows=len(found), sharex=True)
-    for axis, (name, each) in zip(axes[:, 0], found.items(), strict=True):
-        degrees = list(each.shares)
+def shares(path: Path, groups: Mapping[str, Mapping[str, Bands]], columns: Mapping[str, Column]) -> None:
+    """Draw the share of expected impacts by inclination: Figures 7 and 8. groups: title -> bands, a column each."""
+    figure, axes = new_figure(9.5, 1.87 * len(columns), nrows=len(columns), ncols=len(groups), sharex=True)
+    for axis, (title, name) in zip(axes.T.flat, product(groups, columns), strict=True):
+        found, column = groups[title][name], columns[name]
+        degrees = list(found.shares)
         half = 0.5 * min(np.diff(degrees), default=1.0)
-        always = each.always
-        if always is not None:
-            axis.axvspan(always[0] - half, always[1] + half, color=BAND, alpha=0.15, linewidth=0)
-        axis.bar(degrees, [100.0 * share for share in each.shares.values()], width=1.6 * half, color=BAND)
-        for edge, sign in zip(wanted[name], (-1.0, 1.0), strict=True):
-            axis.axvline(edge + sign * half, color=RED, linestyle="--", linewidth=1.0)
+        for deg in found.certain:
+            axis.axvspan(deg - half, deg + half, color=BAND, alpha=0.15, linewidth=0)
+        axis.bar(degrees, [100.0 * share for share in found.shares.values()], width=1.6 * half, color=BAND)
+        for band, style in ((column.mirrored().always_deg, ":"), (column.always_deg, "--")):
+            for edge, sign in zip(band, (-1.0, 1.0), strict=True):
+                axis.axvline(edge + sign * half, color=RED, linestyle=style, linewidth=1.0)
         axis.set_ylabel(f"({name}) expected, %")
         axis.set_ylim(0.0, 105.0)
         axis.set_xticks(degrees)
-    axes[-1][0].set_xlabel("inclination of the surface, deg (dashed: the paper's band; shaded: ours)")
+        axis.tick_params(axis="x", labelsize=6)
+    for axis, title in zip(axes[0], groups, strict=True):
+        axis.set_title(title, loc="left", fontsize=9)
+    for axis in axes[-1]:
+        axis.set_xlabel("inclination of the surface, deg", fontsize=8)
     save(figure, path)

@@ -1,15 +1,15 @@
-"""What the studies of the collision-monitoring paper share: grids of cases, columns of its tables, tunings found."""
+"""Grids of cases, columns of the paper's tables and tunings, for both studies of the collision-monitoring paper."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, Positive, Real
+from hal.base.configuration import STRICT, Positive, Real
 from rtstack.monitor.parameters import MonitorParameters
 
 
@@ -22,24 +22,26 @@ class Range:
     step: Positive
 
     def values(self) -> tuple[float, ...]:
-        """Return the values, without the noise of the additions."""
+        """Return the values, rounded to six digits."""
         count = round((self.last - self.first) / self.step) + 1
         return tuple(round(float(value), 6) for value in np.linspace(self.first, self.last, count))
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """An impact: degrees, m, degrees."""
+    """An impact: degrees, m, degrees. contact: 0 for the study's own contact, n for the n-th of its map of contacts."""
 
     approach_deg: float
     location_m: float
     inclination_deg: float
     repetition: int = 0
+    contact: int = 0
 
     @property
     def id(self) -> str:
-        """Its name."""
+        """Unique name of the case."""
         again = f"-{self.repetition}" if self.repetition else ""
+        again += f"-contact{self.contact}" if self.contact else ""
         return f"{self.approach_deg:g}deg-{self.location_m:g}m-{self.inclination_deg:+g}deg{again}"
 
 
@@ -53,7 +55,7 @@ class Grid:
     repetitions: Annotated[int, Field(ge=1, le=100)] = 1
 
     def plans(self) -> list[tuple[float, float]]:
-        """Return what is planned: approach angle and location."""
+        """Return the planned impacts: approach angle and location."""
         return list(product(self.approach_deg.values(), self.location_m.values()))
 
     def cases(self) -> Iterator[Case]:
@@ -70,8 +72,13 @@ class Grid:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Column:
-    """A column of Table 1 or 2."""
+    """A column of Table 1 or 2, and the inclinations that its figure always has as expected: from and to, degrees.
 
+    ambiguity_deg: the tuning is to expect nothing from here beyond the band, on either side.
+    """
+
+    always_deg: tuple[Real, Real]
+    ambiguity_deg: Positive
     window: int
     delay: int
     decay_1_s: Positive
@@ -80,6 +87,11 @@ class Column:
     spacing_s: Positive
     configuration_rad: Positive
     velocity_rad_s: Positive
+
+    def mirrored(self) -> "Column":
+        """Return the same with inclinations of the other sign."""
+        low, high = self.always_deg
+        return replace(self, always_deg=(0.0 - high, 0.0 - low))
 
     def parameters(
         self, residual_rate_nm_s: tuple[float, ...], configuration_rad: float, velocity_rad_s: float
@@ -92,21 +104,9 @@ class Column:
         )  # fmt: skip
 
 
-class Banded(Protocol):
-    """A column of a table, with the inclinations that its figure always has as expected."""
-
-    @property
-    def band(self) -> tuple[float, float]: ...
-    @property
-    def time_s(self) -> float: ...
-    def parameters(
-        self, residual_rate_nm_s: tuple[float, ...], configuration_rad: float, velocity_rad_s: float
-    ) -> MonitorParameters: ...
-
-
 @checked(frozen=True, slots=True, config=STRICT)
 class Found:
-    """epsilon and e_m; separation: see tuning.py."""
+    """epsilon rad and e_m rad/s of a tuning; separation: see tuning.py."""
 
     configuration_rad: Positive
     velocity_rad_s: Positive

@@ -1,21 +1,52 @@
-"""What the files of the collision-monitoring paper's studies have in common, and how much of a study is run."""
+"""Common parts of both studies' plan files, and the portion of a study that is run."""
 
-from collections.abc import Hashable
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, fields, replace
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, load_toml
-from rtstack.papers.aim_aware.grid import Case, Grid
+from hal.base.configuration import STRICT, ConfigurationError, Positive, load_toml
+from rtstack.experiments.registration import PlannedClaim, Registration, check_claims
+from rtstack.papers.aim_aware.claims import JUDGES
+from rtstack.papers.aim_aware.grid import Case, Column, Grid
 from rtstack.papers.aim_aware.planar.parameters import Task
 
 
 @checked(frozen=True, slots=True, config=STRICT)
+class Marks:
+    """within_deg: resolution of the inclinations, and how far beyond the paper's an edge may lie; ambiguity_deg: the
+    widest area, a side, in which a tuning expects some impacts and others not.
+    """
+
+    within_deg: Positive
+    ambiguity_deg: Positive
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ContactMap:
+    """Contacts under which the paper's tables are run to the letter: all combinations of the values of a subclass.
+
+    grid: the points of the map; whole: numbers of contacts, from 1, that are run at all other points of the study too.
+    """
+
+    grid: Grid
+    whole: tuple[int, ...]
+
+    def each(self) -> list[dict[str, float]]:
+        """Return the contacts: name -> value."""
+        names = [field.name for field in fields(self) if field.name not in ("grid", "whole")]
+        return [dict(zip(names, some, strict=True)) for some in product(*(getattr(self, name) for name in names))]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
 class Outline:
-    """Its task, and its grids: all of it, a sample, and what the tuning sees (`coarse`)."""
+    """A study: task and grids (whole, sample, and `coarse` for the tuning), contacts, marks, tunings and claims."""
+
+    noisy: ClassVar[bool] = False  # True if a case is one of several random draws
 
     kind: str
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
@@ -24,18 +55,30 @@ class Outline:
     grid: Grid
     quick: Grid
     coarse: Grid
+    contacts: ContactMap
+    marks: Marks
+    tunings: dict[str, Column]
+    claims: tuple[PlannedClaim, ...]
+    registration: Registration | None
 
     def check(self, path: Path) -> None:
-        """Raise ConfigurationError where the parts do not fit together."""
+        """Raise ConfigurationError if the parts do not fit together."""
         self.check_points(path, "quick")
+        if any(not 1 <= number <= len(self.contacts.each()) for number in self.contacts.whole):
+            raise ConfigurationError(f"{path}: key contacts.whole: give numbers from 1 to {len(self.contacts.each())}")
+        check_claims(path, self.claims, JUDGES)
+        for index, claim in enumerate(self.claims):
+            if claim.at is not None and claim.at not in self.tunings:
+                known = ", ".join(self.tunings)
+                raise ConfigurationError(f"{path}: key claims.{index}.at: unknown {claim.at!r}: choose one of {known}")
 
     def check_points(self, path: Path, *names: str) -> None:
-        """Raise ConfigurationError where a point of the grids of these names is none of the whole one."""
+        """Raise ConfigurationError if a point of the named grids is not in the whole grid."""
         points = set(self.grid.cases())
         for name in names:
             strange = next((case.id for case in getattr(self, name).cases() if case not in points), None)
             if strange:
-                raise ConfigurationError(f"{path}: key {name}: {strange} is no point of the grid")
+                raise ConfigurationError(f"{path}: key {name}: {strange} is not a point of the grid")
 
 
 S = TypeVar("S", bound=Outline)
@@ -44,11 +87,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Portion(Generic[S, T]):
-    """A study with its tuning, and how much of it is to be run."""
+    """A study with its tuning, whole or as a sample. The claims stand apart: no row depends on them."""
 
     study: S
     tuned: T
     quick: bool
+    claims: tuple[PlannedClaim, ...]
+    registration: Registration | None
+
+    @classmethod
+    def of(cls, study: S, tuned: T, quick: bool) -> Self:
+        """Return the portion of a study."""
+        return cls(replace(study, claims=(), registration=None), tuned, quick, study.claims, study.registration)
 
     @property
     def name(self) -> str:
@@ -62,22 +112,36 @@ class Portion(Generic[S, T]):
 
     @property
     def grid(self) -> Grid:
-        """What is run."""
+        """The grid that is run with the study's own contact."""
         return self.study.quick if self.quick else self.study.grid
+
+    @property
+    def contacts(self) -> list[dict[str, float]]:
+        """The contacts of the map; none in a sample."""
+        return [] if self.quick else self.study.contacts.each()
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the cases of the grid, then those of each contact of the map."""
+        yield from self.grid.cases()
+        mapped = set(self.study.contacts.grid.cases())
+        for number in range(1, len(self.contacts) + 1):
+            others = self.grid.cases() if number in self.study.contacts.whole else ()
+            for case in (*self.study.contacts.grid.cases(), *(case for case in others if case not in mapped)):
+                yield replace(case, contact=number)
 
     def size(self) -> int:
         """Number of cases."""
-        return self.grid.size()
+        return sum(1 for _ in self.cases())
 
     def batch_of(self, case: Case) -> Hashable:
-        """Return what a case shares with those that are run with it."""
+        """Return the key of the batch in which a case is run."""
         raise NotImplementedError
 
 
 def load_outline(path: Path, kind: type[S], name: str) -> S:
     """Read and check the file of the study `name`. Raises ConfigurationError with one line."""
-    study = load_toml(path, kind)
+    study: Any = load_toml(path, kind)
     if study.kind != name:
-        raise ConfigurationError(f"{path}: key kind: there is {name!r}, not {study.kind!r}")
+        raise ConfigurationError(f"{path}: key kind: expected {name!r}, found {study.kind!r}")
     study.check(path)
     return study

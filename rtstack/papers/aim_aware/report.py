@@ -1,48 +1,140 @@
-"""The planar study's report: claims, tables and figures, and the signals of the figures' cases as a file."""
+"""The planar study's report, and what both studies' have in common: claims, tables, figures, values of the page.
 
+The signals of the figures' cases are a file beside it.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rtstack.experiments.experiment import Results
-from rtstack.experiments.report import Figure, Report, Section
-from rtstack.papers.aim_aware.bands import bands
-from rtstack.papers.aim_aware.claims import judge
+from rtstack.experiments.claims import ClaimStatus, shown
+from rtstack.experiments.experiment import Results, Row
+from rtstack.experiments.registration import judged
+from rtstack.experiments.report import Figure, Report, Table
+from rtstack.papers.aim_aware.claims import JUDGES, LETTERS, SHARED, Evaluation, at_contact, evaluated
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.figures import figure3, figure4, figure6, shares
-from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.page import cpu_s, page_values
+from rtstack.papers.aim_aware.grid import Case, Column, Found
+from rtstack.papers.aim_aware.outline import Portion
 from rtstack.papers.aim_aware.planar.plan import Plan
 from rtstack.papers.aim_aware.study import StudyRun
 
 SIGNALS = "signals.npz"
-# a place that the tuning has not seen; inclinations as meant, and beyond the band of the tuning that is shown
+GROUPS = {"with the paper's letters": LETTERS, "with our tuning": ""}
+PLOTTED = (
+    "share of {unit} that each tuning expects, by inclination; left with the paper's epsilon and e_m, right with ours. "
+    "Dashed: the paper's band; dotted: the same mirrored; shaded: always expected here."
+)
+
+
+def study_report(
+    run: Portion[Any, Any], results: Results, rows: Sequence[Row], page: str, names: tuple[str, str],
+    examples: Sequence[Figure], **values: Any,
+) -> Report:  # fmt: skip
+    """Return a study's report. rows: the judged ones; names: of figure and table; values: for its page."""
+    figures = list(examples)
+    if rows:
+        groups = {title: Evaluation.of(run, rows, prefix).found for title, prefix in GROUPS.items()}
+        caption = f"{names[0]}: {PLOTTED.format(unit='hits' if run.study.noisy else 'impacts')}"
+        file = names[0].lower().replace(" ", "") + ".png"
+        figures.append(Figure(file, caption, partial(shares, groups=groups, columns=run.study.tunings)))
+    cpu_s = sum(row["cpu_s"] for row in results.rows)
+    known = {
+        "run": run, "study": run.study, "tuned": run.tuned, "unseen": len(rows), "table_name": names[1],
+        "signals": SIGNALS, "table": table_lines(run.study.tunings, run.tuned.tunings),
+        "shares": _share_table(run, rows, names[0]),
+        "contacts": _contact_table(run, results.rows), "reasons": _reason_lines(run, rows), "cpu_s": cpu_s,
+    }  # fmt: skip
+    return Report(
+        evaluated(run, rows, results.rows), figures, page=("rtstack.papers.aim_aware", page), values=known | values,
+        summary=f"{len(results.rows)} simulations, {cpu_s:.0f} s of a CPU",
+    )  # fmt: skip
+
+
+def table_lines(columns: Mapping[str, Column], tunings: Mapping[str, Found]) -> list[list[str]]:
+    """Return the lines of the paper's table: symbol, then for each tuning the paper's value and ours."""
+    lines = []
+    for symbol, name, unit in (
+        ("m_max", "window", ""), ("m_c", "delay", ""), ("a", "decay_1_s", " 1/s"),
+        ("epsilon", "configuration_rad", " rad"), ("zeta", "time_s", " s"), ("xi", "horizon_s", " s"),
+        ("e_m", "velocity_rad_s", " rad/s"), ("iota", "spacing_s", " s"),
+    ):  # fmt: skip
+        cells = []
+        for tuning, column in columns.items():
+            found = getattr(tunings[tuning], name, None)
+            cells += [f"{getattr(column, name):g}{unit}", "the same" if found is None else f"{found:g}{unit}"]
+        lines.append([symbol, *cells])
+    return lines
+
+
+def _share_table(run: Portion[Any, Any], rows: Sequence[Row], figure: str) -> Table:
+    """Return a line for each inclination: the share that each tuning expects, %, with its 95 % interval (Wilson)."""
+    groups = [(title, Evaluation.of(run, rows, prefix)) for title, prefix in GROUPS.items()]
+    lines = []
+    for deg in run.grid.inclination_deg.values():
+        at = [row for row in rows if row["inclination_deg"] == deg]
+        cells = [shown(group.share(name, at), "", 0, 100.0) for _, group in groups for name in run.study.tunings]
+        lines.append([f"{deg:+g}", str(len(at)), *cells])
+    headings = ["deg", "cases", *(f"({name}) {title}" for title, _ in groups for name in run.study.tunings)]
+    return Table(f"{figure} in numbers: % expected by inclination, with 95 % interval", headings, lines)
+
+
+def _contact_table(run: Portion[Any, Any], rows: Sequence[Row]) -> Table | None:
+    """Return the claims that hold with the paper's letters, a line for each contact of the map; None without rows."""
+    lines, claims = [], [claim for claim in run.claims if claim.judge not in SHARED]
+    for number, values in enumerate(run.contacts):
+        here = at_contact(run, rows, number + 1, mapped=True)
+        if not here:
+            continue
+        evaluation = Evaluation.of(run, here, LETTERS)
+        found = judged(claims, JUDGES, evaluation)
+        hold = [claim for claim in found if claim.verdict in (ClaimStatus.HOLDS, ClaimStatus.WITHIN)]
+        bands = Counter(claim.where for claim, planned in zip(found, claims, strict=True)
+                        if claim in hold and planned.judge in ("band", "mirrored band"))  # fmt: skip
+        ended = [str(sum(bool(row["stopped"]) for row in here))] if run.study.noisy else []
+        lines.append(
+            [*(f"{value:g}" for value in values.values()), *(each.words() for each in evaluation.found.values()),
+             ", ".join(bands) or "none", f"{len(hold)} of {len(found)}", *ended]
+        )  # fmt: skip
+    if not lines:
+        return None
+    names = [name.replace("_", " ") for name in run.contacts[0]]
+    headings = [*names, *(f"({name}) always" for name in run.study.tunings), "bands that hold", "claims that hold"]
+    headings += ["hits ended"] * run.study.noisy
+    return Table("Contacts, with the paper's letters", headings, lines, numbers_from=len(headings))
+
+
+def _reason_lines(run: Portion[Any, Any], rows: Sequence[Row]) -> list[list[str]]:
+    """Return for each tuning how often each condition was the first that an impact did not meet."""
+    lines = []
+    for title, prefix in GROUPS.items():
+        for name in (prefix + each for each in run.study.tunings):
+            counts = Counter(row[f"reason_{name}"] for row in rows if row[f"verdict_{name}"] == "unexpected")
+            text = ", ".join(f"{reason.replace('_', ' ')} {count}" for reason, count in counts.most_common())
+            undecided = sum(row[f"verdict_{name}"] == "none" for row in rows)
+            lines.append([f"({name.removeprefix(prefix)}) {title}", text or "-", str(undecided)])
+    return lines
+
+
+# a place that is not in the coarse grid; inclinations: nominal, and beyond the band of the shown tuning
 EXAMPLE = (76.0, 0.34)
 SHOWN_DEG = (0.0, 2.0, 5.0)
 TUNING = "a"
 
 
 def report(run: StudyRun, results: Results) -> Report:
-    """Return claims and figures; writes signals.npz, but for a preliminary report."""
-    rows = [row for row in results.rows if not row["tuned_on"]]
-    found = {name: bands(rows, name) for name in run.study.tunings} if rows else {}
-    figures = [] if results.preliminary else _examples(run, results.out)
-    if found:
-        columns = {name: each.band for name, each in run.study.tunings.items()}
-        caption = "Figure 7: share of impacts that each tuning expects, by inclination, over the cases that the tuning "
-        caption += "has not seen."
-        figures.append(Figure("figure7.png", caption, partial(shares, found=found, wanted=columns)))
-    return Report(
-        [Section("all cases", judge(run, rows))], figures, page=("rtstack.papers.aim_aware", "planar.html"),
-        values=page_values(run.study, run.tuned, results.rows, rows, "Table 1", SIGNALS),
-        summary=f"{len(results.rows)} simulations, {cpu_s(results.rows):.0f} s of a CPU",
-    )  # fmt: skip
+    """Return claims and figures; writes signals.npz unless the report is preliminary."""
+    rows = [row for row in results.rows if not row["tuned_on"] and not row["contact"]]
+    examples = [] if results.preliminary else _examples(run, results.out)
+    return study_report(run, results, rows, "planar.html", ("Figure 7", "Table 1"), examples)
 
 
 def _examples(run: StudyRun, out: Path) -> list[Figure]:
-    """Return the figures of single cases, which are simulated again, and kept."""
+    """Simulate the figures' cases again, save their signals and return the figures."""
     study, parameters = run.study, run.monitors()[TUNING]
     plan = plan_case(study, *EXAMPLE)
     rate = run.tuned.residual_rate_nm_s

@@ -1,14 +1,14 @@
-"""What the planar study consists of, from its file in deploy/campaigns, and the tuning that was found for it."""
+"""The planar study: its plan file in deploy/campaigns, and its tuning in deploy/tunings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, NotNegative, Positive
+from hal.base.configuration import STRICT, NotNegative, Positive
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
-from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline
+from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
+from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, load_outline
 from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm
 from rtstack.papers.aim_aware.tuned import tuned_for
 
@@ -17,28 +17,24 @@ COMMAND = "python -m rtstack.papers.aim_aware.tuning"
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class PlanarColumn(Column):
-    """A column of Table 1, and the inclinations that Figure 7 always has as expected: |beta| <= always_deg."""
+class PlanarContacts(ContactMap):
+    """Values of the contact law (see Contact), and of r_b in Nm/s."""
 
-    always_deg: NotNegative
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """From and to, degrees."""
-        return -self.always_deg, self.always_deg
+    stiffness: tuple[Positive, ...]
+    damping_s_m: tuple[NotNegative, ...]
+    residual_rate_nm_s: tuple[Positive, ...]
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Search:
-    """What the tuning may choose from, and what it is to reach: see rtstack.papers.aim_aware.tuning."""
+    """Candidates for r_b: see rtstack.papers.aim_aware.tuning."""
 
     residual_rate_nm_s: tuple[Positive, ...]
-    ambiguity_deg: Positive
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Tuned:
-    """What the tuning found for the study file of this digest. separations: of each candidate for r_b."""
+    """Result of the tuning for the plan file with this digest. separations: by candidate for r_b."""
 
     study_digest: str
     residual_rate_nm_s: Positive
@@ -48,39 +44,49 @@ class Tuned:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Study(Outline):
-    """The study as its file has it."""
+    """The plan file of the study."""
 
     arm: PlanarArm
     contact: Contact
     gains: Gains
     tuning: Search
-    tunings: dict[str, PlanarColumn]
+    contacts: PlanarContacts
 
     def check(self, path: Path) -> None:
-        """Raise ConfigurationError where the parts do not fit together."""
-        self.check_points(path, "quick", "coarse")
+        """Raise ConfigurationError if the parts do not fit together."""
+        Outline.check(self, path)
+        self.check_points(path, "coarse")
 
 
 @dataclass(frozen=True, slots=True)
 class StudyRun(Portion[Study, Tuned]):
-    """The study, or a sample of it."""
+    """The study or its sample."""
 
     def monitors(self) -> dict[str, MonitorParameters]:
         """Return the three tunings by name, and with the prefix paper_ those of Table 1 to the letter."""
         rates = (self.tuned.residual_rate_nm_s,) * 3
         return monitors_of(self.study.tunings, self.tuned.tunings, rates)
 
-    def batch_of(self, case: Case) -> tuple[float, float]:
-        """Return what a case shares with those that are run with it: its plan."""
-        return case.approach_deg, case.location_m
+    def batch_of(self, case: Case) -> tuple[int, float, float]:
+        """Return the key of a batch: contact and planned impact."""
+        return case.contact, case.approach_deg, case.location_m
+
+    def at(self, contact: int) -> "StudyRun":
+        """Return the study with contact number `contact` of the map; 0: its own."""
+        if not contact:
+            return self
+        values = self.contacts[contact - 1]
+        law = replace(self.study.contact, stiffness=values["stiffness"], damping_s_m=values["damping_s_m"])
+        tuned = replace(self.tuned, residual_rate_nm_s=values["residual_rate_nm_s"])
+        return replace(self, study=replace(self.study, contact=law), tuned=tuned)
 
 
 def load_study(path: Path) -> Study:
-    """Read and check a study. Raises ConfigurationError with one line."""
+    """Read and check a plan file. Raises ConfigurationError with one line."""
     return load_outline(path, Study, STUDY)
 
 
 def load_run(path: Path, quick: bool) -> StudyRun:
-    """Read a study with the tuning that was found for it. Raises ConfigurationError with one line."""
+    """Read a plan file and its tuning. Raises ConfigurationError with one line."""
     study = load_study(path)
-    return StudyRun(study, tuned_for(path, study.name, Tuned, f"{COMMAND} {path}"), quick)
+    return StudyRun.of(study, tuned_for(path, study.name, Tuned, f"{COMMAND} {path}"), quick)

@@ -20,28 +20,28 @@ from typing import Any
 import numpy as np
 from rich.progress import track
 
-from hal.configuration import ConfigurationError, toml_text
+from hal.base.configuration import ConfigurationError, toml_text
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
-from rtstack.papers.aim_aware.grid import Banded, Case, Found
+from rtstack.papers.aim_aware.grid import Case, Column, Found
 from rtstack.papers.aim_aware.outline import Outline
 from rtstack.papers.aim_aware.study import COMMAND, Study, Tuned, load_study
 from rtstack.papers.aim_aware.tuned import digest_of, tuning_file
 
 SEPARATIONS = "separations: of each candidate for r_b, by tuning; none: wanted and unwanted cases cannot be told apart"
-LARGE = 1e3  # bounds that nothing reaches
+LARGE = 1e3  # a bound that is never reached
 
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """What a case needs to be expected: rad, rad/s."""
+    """The smallest epsilon rad and e_m rad/s with which a case is expected."""
 
     configuration_rad: float
     velocity_rad_s: float
 
 
-def need(impact: Impact, column: Banded, residual_rate_nm_s: tuple[float, ...]) -> Need:
-    """Return what a case needs under the other bounds of a column."""
+def need(impact: Impact, column: Column, residual_rate_nm_s: tuple[float, ...]) -> Need:
+    """Return the needs of a case with the other bounds of a column."""
     trace = impact.trace(column.parameters(residual_rate_nm_s, LARGE, LARGE))
     hits = np.flatnonzero(trace["impact"])
     if not len(hits) or trace["verdict"][-1] != 1:
@@ -53,9 +53,9 @@ def need(impact: Impact, column: Banded, residual_rate_nm_s: tuple[float, ...]) 
 def separate(
     needs: Mapping[Case, Need], band: tuple[float, float], ambiguity_deg: float, overlapping: bool = False
 ) -> Found | None:
-    """Return the tuning for a band, None where a wanted case cannot be told from an unwanted one.
+    """Return the tuning for a band; None if a wanted case cannot be told from an unwanted one.
 
-    overlapping: then what the wanted cases need, and no more.
+    overlapping: in that case, exactly the needs of the wanted cases.
     """
     low, high = band
     wanted = [need for case, need in needs.items() if low <= case.inclination_deg <= high]
@@ -77,7 +77,7 @@ def separate(
 
 
 def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:
-    """Return the tunings with this r_b, None where one of them does not exist."""
+    """Return the tunings with this r_b; None if one of them does not exist."""
     needs: dict[str, dict[Case, Need]] = {name: {} for name in study.tunings}
     plan, planned = None, None
     for case in study.coarse.cases():
@@ -88,14 +88,15 @@ def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:
         impact = simulate_case(study, plan, case, residual_rate_nm_s)
         for name, column in study.tunings.items():
             needs[name][case] = need(impact, column, (residual_rate_nm_s,) * 3)
-    ambiguity_deg = study.tuning.ambiguity_deg
-    found = {name: separate(needs[name], column.band, ambiguity_deg) for name, column in study.tunings.items()}
+    found = {
+        name: separate(needs[name], column.always_deg, column.ambiguity_deg) for name, column in study.tunings.items()
+    }
     good = {name: each for name, each in found.items() if each is not None}
     return good if len(good) == len(found) else None
 
 
 def tune(path: Path) -> Tuned:
-    """Return the tuning of the study at `path`. Raises ConfigurationError where no candidate tells the cases apart."""
+    """Return the tuning of the study at `path`. Raises ConfigurationError if no candidate separates the cases."""
     study = load_study(path)
     candidates = {rate: find(study, rate) for rate in track(study.tuning.residual_rate_nm_s, "candidates for r_b")}
     good = {rate: found for rate, found in candidates.items() if found is not None}
@@ -111,9 +112,9 @@ def tune(path: Path) -> Tuned:
 def write_tuning(
     study: str, load: Callable[[Path], Outline], tune: Callable[[Path], Any], command: str, *notes: str
 ) -> None:
-    """Run the program that tunes a study, given or by its name, and writes deploy/tunings/NAME.toml.
+    """Command line: tune a study, given by path or name, and write deploy/tunings/NAME.toml.
 
-    command: the program; notes: what the file says of its keys.
+    command: the command line; notes: comments about the file's keys.
     """
     parser = argparse.ArgumentParser(description="Tune a study on its coarse grid.")
     parser.add_argument("study", nargs="?", type=Path, default=plan_file(study).path)

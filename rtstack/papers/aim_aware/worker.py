@@ -1,13 +1,17 @@
-"""What a worker does: all inclinations of a planned impact, each simulated once and seen by every tuning."""
+"""The work of a worker: all inclinations of a planned impact, each simulated once and judged by every tuning."""
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rtstack.experiments.experiment import Row
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.classification import Impact, Meant, plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.planar.plan import Plan
 from rtstack.papers.aim_aware.study import StudyRun
 
 
@@ -15,13 +19,13 @@ def columns(run: StudyRun) -> dict[str, Any]:
     """Return the columns of the results: name -> type."""
     known: dict[str, Any] = {
         "approach_deg": float, "location_m": float, "inclination_deg": float, "tuned_on": bool,
-        "impulse_ns": float, "impacts": int, "first_ms": float, "last_ms": float,
+        "contact": int, "impulse_ns": float, "second_ms": float, "impacts": int, "first_ms": float, "last_ms": float,
     }  # fmt: skip
     return known | verdict_columns(run.monitors())
 
 
 def verdict_columns(names: Iterable[str]) -> dict[str, Any]:
-    """Return the columns of what `verdicts` says, and of the time it took: name -> type."""
+    """Return the columns of `verdicts`, and of the computing time: name -> type."""
     known: dict[str, Any] = {}
     for name in names:
         known |= {f"verdict_{name}": str, f"reason_{name}": str, f"joint_{name}": int, f"margin_{name}": float}
@@ -29,7 +33,7 @@ def verdict_columns(names: Iterable[str]) -> dict[str, Any]:
 
 
 def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -> Row:
-    """Return what each tuning makes of an impact, and its detected impacts, which all tunings share.
+    """Return the verdict of each tuning on an impact, and its detected impacts, which all tunings share.
 
     first_ms, last_ms: after the planned time; None without one.
     """
@@ -45,28 +49,46 @@ def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -
 
 
 def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
-    """Return the rows of cases of one plan."""
+    """Return the rows of cases with the same planned impact."""
     first = cases[0]
-    return run_plan(run, first.approach_deg, first.location_m, tuple(case.inclination_deg for case in cases))
+    inclinations_deg = tuple(case.inclination_deg for case in cases)
+    return run_plan(run, first.approach_deg, first.location_m, inclinations_deg, first.contact)
 
 
-def run_plan(run: StudyRun, approach_deg: float, location_m: float, inclinations_deg: tuple[float, ...]) -> list[Row]:
-    """Return a row for each inclination.
+def run_plan(
+    run: StudyRun, approach_deg: float, location_m: float, inclinations_deg: tuple[float, ...], contact: int = 0
+) -> list[Row]:
+    """Return a row for each inclination, with a contact of the map where `contact` is not 0.
 
-    impulse_ns: the smaller one that the impact map gives the two corners.
+    impulse_ns: the smaller one that the impact map gives the two corners; second_ms: see `_second_ms`.
     """
+    run = run.at(contact)
     began_s = time.process_time()
     study, monitors = run.study, run.monitors()
     seen = set(study.coarse.cases())
     plan = plan_case(study, approach_deg, location_m)
     rows: list[Row] = []
     for inclination_deg in inclinations_deg:
-        case = Case(approach_deg, location_m, inclination_deg)
+        case = Case(approach_deg, location_m, inclination_deg, contact=contact)
         impact = simulate_case(study, plan, case, run.tuned.residual_rate_nm_s)
         row: Row = {
             "id": case.id, "approach_deg": approach_deg, "location_m": location_m, "inclination_deg": inclination_deg,
-            "tuned_on": case in seen, "impulse_ns": float(plan.impulses.min()),
+            "tuned_on": case in seen, "contact": contact, "impulse_ns": float(plan.impulses.min()),
+            "second_ms": _second_ms(impact, run.tuned.residual_rate_nm_s),
         }  # fmt: skip
         rows.append(row | verdicts(impact, monitors))
     cpu_s = (time.process_time() - began_s) / len(rows)
     return [row | {"cpu_s": cpu_s} for row in rows]
+
+
+def _second_ms(impact: Impact[Plan], rate_nm_s: float) -> float | None:
+    """Return the time from the second corner's first contact to the next detected impact (9), ms; None without one."""
+    touching = impact.ticks["forces"] > 0.0
+    if not touching.any(axis=0).all():
+        return None
+    second = int(touching.argmax(axis=0).max())
+    step_s = 1e-9 * np.diff(impact.ticks["t_ns"])[:, None]
+    high = np.abs(np.diff(impact.ticks["residual"], axis=0)) >= rate_nm_s * step_s
+    rises: NDArray[np.bool_] = np.any(high[1:] & ~high[:-1], axis=1)
+    later = np.flatnonzero(rises[max(second - 1, 0) :])  # from tick second + 1 on
+    return float(later[0] + 1) if len(later) else None

@@ -21,6 +21,8 @@ from rtstack.trials.errors import TrialError
 class Validation(Experiment[ValidationPlan, ValidationTrial]):
     """Sections V and VI of the impact-map paper. Trials of a reference that is refused are left out, and reported."""
 
+    options = frozenset({"cell"})
+
     def __init__(self, specification: ValidationPlan, request: Request) -> None:
         from rtstack.cells import load_description
         from rtstack.papers.impact_maps.worker import Measured, ValidationBench
@@ -32,9 +34,9 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         for thing in specification.objects:
             check_object(thing, self.description)
         columns = columns_of(ValidationTrial, TrialResult, Measured)
-        super().__init__(specification, request, columns, [request.file.path, cell_file, *plant_files()])
+        super().__init__(specification, request, columns, [cell_file, *plant_files()])
         nominal = next(iter(specification.conditions.values()))
-        self._bench = ValidationBench(request.out, cell_file, specification.robot, nominal, self.digest)
+        self._bench = ValidationBench(request.out, request.simulated_cell, cell_file, nominal, self.digest)
         self.refused: dict[PlannedReference, str] = {}
 
     @classmethod
@@ -59,27 +61,34 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         yield from self._plan_references(not_identified)
 
     def _identify(self) -> Stages:
-        """Make the runs of Appendix A that are missing, and the file that the controller reads."""
+        """Make the runs of Appendix A that are missing, and for each robot the file that its controller reads."""
         from rtstack.identification.procedure import Identification, lowest_object, runs_of
-        from rtstack.papers.impact_maps.worker import FRICTION, SWEEPS, identify
+        from rtstack.papers.impact_maps.worker import SWEEPS, friction_file, identify, sweep_file
         from rtstack.trials.friction import friction_toml
 
-        path, logs = self.request.out / FRICTION, self.request.out / SWEEPS
-        if path.exists():
-            return
-        plan = self.specification
-        runs = list(runs_of(lowest_object(self.description), plan.identification_runs, plan.robot))
-        missing = [one for one in runs if not (logs / one.file).exists()]
-        failed = yield Stage(
-            "friction identification", [Task(one.file, identify, (self._bench, one)) for one in missing]
-        )
+        plan, out = self.specification, self.request.out
+        of_robot = {
+            robot: list(runs_of(lowest_object(self.description), plan.identification_runs, robot))
+            for robot in plan.robots
+            if not (out / friction_file(robot)).exists()
+        }
+        tasks = [
+            Task(sweep_file(robot, one), identify, (self._bench, robot, one))
+            for robot, runs in of_robot.items()
+            for one in runs
+            if not (out / SWEEPS / sweep_file(robot, one)).exists()
+        ]
+        failed = yield Stage("friction identification", tasks)
         for file, reason in failed.items():
             raise TrialError(f"friction identification: {file}: {reason}")
-        identification = Identification(self.description)
-        for one in runs:
-            if not identification.take_log(one, logs / one.file):
-                raise TrialError(f"{logs / one.file} is no complete log: remove it, and go on with --resume")
-        path.write_text(friction_toml(identification.file(self.description.name, plan.robot)), encoding="utf-8")
+        for robot, runs in of_robot.items():
+            identification = Identification(self.description)
+            for one in runs:
+                log = out / SWEEPS / sweep_file(robot, one)
+                if not identification.take_log(one, log):
+                    raise TrialError(f"{log} is no complete log: remove it, and go on with --resume")
+            text = friction_toml(identification.file(self.description.name, robot))
+            (out / friction_file(robot)).write_text(text, encoding="utf-8")
 
     def _identify_along(self, not_identified: dict[FreeRuns, str]) -> Stages:
         """Make what is missing of the runs along the references; adds what could not be made, and why."""

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.control.impedance import task_inertia
 from rtstack.control.tick import ArmController
 from rtstack.loop.history import Columns
 
 BEFORE_S, AFTER_S = 0.1, 0.6  # t1 and t2 of (29), around the nominal impact
+DROP_S = 0.1  # after the nominal impact, in which the pads' velocity is lowest
 SWING_S = 0.25  # a period of the slowest vibration that an impact leaves here, 4 Hz: pads that tilt in their silicone
 
 
@@ -54,12 +55,17 @@ class FeedbackSignal:
         return float(self._last.mean())
 
     @property
+    def lowest(self) -> float:
+        """Return the pads' lowest velocity in the DROP_S after the nominal impact, m/s."""
+        return float(self.velocity[(self.t_s > 0.0) & (self.t_s <= DROP_S)].min(initial=np.inf))
+
+    @property
     def _last(self) -> Array:
         return self.integral[self.t_s > self.t_s[-1] - SWING_S]
 
 
 def feedback_signal(
-    columns: Columns, nominal_impact_s: float, arms: tuple[ArmController, ArmController], direction: Direction
+    columns: Columns, nominal_impact_s: float, arms: tuple[ArmController, ...], direction: Direction
 ) -> FeedbackSignal:
     """Return the signal of a trial whose samples begin with its reference. arms: for their models.
 

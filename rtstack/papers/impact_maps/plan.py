@@ -9,8 +9,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml
+from rtstack.experiments.registration import PlannedClaim, Registration, check_claims
 from rtstack.experiments.seeds import seed_of
+from rtstack.impact_map import MapKind
+from rtstack.papers.impact_maps.claims import JUDGES
 from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import GrabPlan, PlanError, PushPlan, grab_plan, push_plan
 from rtstack.planning.free import PlanPhase
@@ -32,12 +35,14 @@ class JointFriction(StrEnum):
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class Conditions:
+class ValidationConditions:
     """How a trial's robot is, and what its controller knows.
 
     compensate_object: (26)-(27), weight, friction and inertia of the object in the feedforward. B_theta_factor: of the
     plant's reflected inertia, on what the controller and the map count on. damping_ratio: of the object on a pad, the
     scene's own where None. Frictions: the plant's; friction_scatter a fraction of both, a draw a trial.
+    motor_inertia_scatter: of B and B_theta of each joint of a robot, a fraction; the plant's own where None. map: which
+    of both maps the references follow after the impact. motions: the scenarios that are run.
     """
 
     pad_friction: Positive
@@ -49,6 +54,9 @@ class Conditions:
     compensate_object: bool = True
     B_theta_factor: Positive = 1.0
     damping_ratio: Positive | None = None
+    motor_inertia_scatter: NotNegative | None = None
+    map: MapKind = MapKind.CONVERGED
+    motions: tuple[Motion, ...] = tuple(Motion)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -70,10 +78,12 @@ class Scenario:
     gains: Gains
     cases: dict[str, dict[str, float]]
 
-    def request(self, case: str, scale: float, compensate: bool) -> GrabPlan | PushPlan:
+    def request(
+        self, case: str, scale: float = 1.0, compensate: bool = True, kind: MapKind = MapKind.CONVERGED
+    ) -> GrabPlan | PushPlan:
         """Return what is to be planned. Raises PlanError for a value out of range."""
         make = grab_plan if self.motion is Motion.GRAB else push_plan
-        return make(**self.cases[case], post_impact_scale=scale, compensate=compensate)
+        return make(**self.cases[case], post_impact_scale=scale, compensate=compensate, map=kind)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -86,25 +96,28 @@ class Sample:
     scales: tuple[Positive, ...]
     repetitions: Count
     identification_runs: Count = 1
+    robots: Count = 1
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedReference:
     """A reference that has to be planned; its file's name follows from it. along: whether its feedforward has what
-    friction compensation leaves along it, (31)."""
+    friction compensation leaves along it, (31), of this robot."""
 
+    robot: int
     motion: Motion
     object: str
     case_name: str
     scale: float
     compensate: bool
     along: bool
+    map: MapKind
 
     @property
     def file(self) -> str:
         """Name of its log."""
-        kind = ("" if self.compensate else ".bare") + ("" if self.along else ".plain")
-        return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}{kind}.mcap"
+        kind = ("" if self.compensate else ".bare") + ("" if self.along else ".plain") + _suffix(self.map)
+        return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}{kind}.r{self.robot}.mcap"
 
     @property
     def free_runs(self) -> tuple["FreeRuns", ...]:
@@ -112,19 +125,24 @@ class PlannedReference:
         the same for all velocities after it."""
         if not self.along:
             return ()
-        scales = {PlanPhase.ANTE: 1.0, PlanPhase.POST: self.scale}
-        return tuple(FreeRuns(self.motion, self.object, self.case_name, scales[part], part) for part in PlanPhase)
+        parts = {PlanPhase.ANTE: (1.0, MapKind.CONVERGED), PlanPhase.POST: (self.scale, self.map)}
+        return tuple(
+            FreeRuns(self.robot, self.motion, self.object, self.case_name, scale, part, kind)
+            for part, (scale, kind) in parts.items()
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class FreeRuns:
-    """The runs of a part of a reference with nothing in the way, and what they say of it: (30)-(31)."""
+    """The runs of a robot along a part of a reference with nothing in the way, and what they say of it: (30)-(31)."""
 
+    robot: int
     motion: Motion
     object: str
     case_name: str
     scale: float
     part: PlanPhase
+    map: MapKind
 
     @property
     def file(self) -> str:
@@ -134,7 +152,9 @@ class FreeRuns:
     @property
     def name(self) -> str:
         """What its files' names begin with."""
-        return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}.{self.part}"
+        return (
+            f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}.{self.part}{_suffix(self.map)}.r{self.robot}"
+        )
 
     def log(self, run: int) -> str:
         """Name of a run's log."""
@@ -143,7 +163,8 @@ class FreeRuns:
 
 @dataclass(frozen=True, slots=True)
 class ValidationTrial:
-    """One trial. scale: of the reference's post-impact velocity, on the prediction; seed: of noise and placement."""
+    """One trial. scale: of the reference's post-impact velocity, on the prediction; seed: of noise and placement;
+    robot: seed of the arms."""
 
     conditions: str
     motion: Motion
@@ -152,6 +173,7 @@ class ValidationTrial:
     scale: float
     repetition: int
     seed: int
+    robot: int
 
     @property
     def id(self) -> str:
@@ -161,21 +183,23 @@ class ValidationTrial:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ValidationPlan:
-    """A campaign as its file has it. robot: the seed of its arms, the same in all trials."""
+    """A campaign as its file has it. robots: seeds of the arms; a repetition is of the robot whose turn it is."""
 
     kind: Literal["impact-map-validation"]
     name: str
     title: str
     seed: Annotated[int, Field(ge=0)]
-    robot: Annotated[int, Field(ge=0)]
+    robots: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
     objects: tuple[str, ...]
     scales: tuple[Positive, ...]
     repetitions: Count
     identification_runs: Count
     scenarios: tuple[Scenario, ...]
-    conditions: dict[str, Conditions]
+    conditions: dict[str, ValidationConditions]
     sample: Sample | None = None
     quick: bool = False
+    claims: tuple[PlannedClaim, ...] = ()
+    registration: Registration | None = None
 
     def size(self) -> int:
         """Number of trials."""
@@ -183,22 +207,24 @@ class ValidationPlan:
 
     def trials(self) -> Iterator[ValidationTrial]:
         """Yield all trials. Those that differ in conditions alone share their seed."""
-        for conditions in self.conditions:
-            for scenario in self.scenarios:
+        for conditions, about in self.conditions.items():
+            for scenario in (one for one in self.scenarios if one.motion in about.motions):
                 for thing in self.objects:
                     for case in scenario.cases:
                         for scale in self.scales:
                             for k in range(self.repetitions):
                                 seed = seed_of(self.seed, scenario.motion, thing, case, scale, k)
-                                yield ValidationTrial(conditions, scenario.motion, thing, case, scale, k, seed)
+                                robot = self.robots[k % len(self.robots)]
+                                yield ValidationTrial(conditions, scenario.motion, thing, case, scale, k, seed, robot)
 
     def reference(self, trial: ValidationTrial) -> PlannedReference:
         """Return the reference of a trial."""
         conditions = self.conditions[trial.conditions]
         along = conditions.joint_friction is JointFriction.IDENTIFIED
         return PlannedReference(
-            trial.motion, trial.object, trial.case_name, trial.scale, conditions.compensate_object, along
-        )
+            trial.robot, trial.motion, trial.object, trial.case_name, trial.scale, conditions.compensate_object, along,
+            conditions.map,
+        )  # fmt: skip
 
     def references(self) -> tuple[PlannedReference, ...]:
         """Return every reference that has to be planned."""
@@ -221,18 +247,24 @@ class ValidationPlan:
         )
         return replace(
             self, scenarios=scenarios, objects=self.objects[: sample.objects], scales=sample.scales,
-            repetitions=sample.repetitions, identification_runs=sample.identification_runs, quick=True,
+            repetitions=sample.repetitions, robots=self.robots[: sample.robots],
+            identification_runs=sample.identification_runs, quick=True,
         )  # fmt: skip
+
+
+def _suffix(kind: MapKind) -> str:
+    return "" if kind is MapKind.CONVERGED else f".{kind}"
 
 
 def load_validation_plan(path: Path, quick: bool = False) -> ValidationPlan:
     """Read and check a plan. Raises ConfigurationError with one line."""
     plan = load_toml(path, ValidationPlan)
+    check_claims(path, plan.claims, JUDGES)
     for scenario in plan.scenarios:
         for case in scenario.cases:
             for scale in plan.scales:
                 try:
-                    scenario.request(case, scale, True)
+                    scenario.request(case, scale)
                 except PlanError as error:
                     raise ConfigurationError(f"{path}: {scenario.motion}, case {case}: {error}") from None
     if quick and plan.sample is None:

@@ -1,4 +1,4 @@
-"""What the rigid impact map predicts for a planned motion, with each inertia of the motors."""
+"""What both rigid impact maps predict for a planned motion, with each inertia of the motors."""
 
 import json
 from collections.abc import Mapping
@@ -7,31 +7,34 @@ from pathlib import Path
 
 import numpy as np
 
-from rtstack.impact_map import ReflectedInertia, Status, converged
+from rtstack.impact_map import MapKind, ReflectedInertia, Status, converged, single_step
 from rtstack.impact_map.problem import Problem
-from rtstack.impact_map.reflected import joint_inertia
+from rtstack.impact_map.scene import joint_inertia
 from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import PlanError, PlannedMotion
 from rtstack.samples import SIDES
 
+_MAPS = {MapKind.SINGLE_STEP: single_step, MapKind.CONVERGED: converged}
+
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Velocities of the pads after the impact, m/s, along what counts: planned (scaled), and as the map predicts it by
+    """Velocities of the pads after the impact, m/s, along what counts: planned (scaled), and as each map predicts it by
     inertia of the motors."""
 
     planned: float
-    by_inertia: Mapping[ReflectedInertia, float]
+    by_map: Mapping[MapKind, Mapping[ReflectedInertia, float]]
 
     def write(self, path: Path) -> None:
         """Write it beside the plan's log."""
-        path.write_text(json.dumps({"planned": self.planned, **self.by_inertia}), encoding="utf-8")
+        path.write_text(json.dumps({"planned": self.planned, **self.by_map}), encoding="utf-8")
 
 
 def read_prediction(path: Path) -> Prediction:
     """Read what `Prediction.write` wrote."""
     values = json.loads(path.read_text(encoding="utf-8"))
-    return Prediction(values["planned"], {kind: values[kind] for kind in ReflectedInertia})
+    by_map = {which: {kind: values[which][kind] for kind in ReflectedInertia} for which in MapKind}
+    return Prediction(values["planned"], by_map)
 
 
 def predict(planned: PlannedMotion, direction: Direction) -> Prediction:
@@ -39,20 +42,26 @@ def predict(planned: PlannedMotion, direction: Direction) -> Prediction:
 
     Raises PlanError where a map has no solution.
     """
-    problem = planned.map.problem
-    predicted = {}
-    for kind in ReflectedInertia:
-        impact = converged(with_inertia(problem, planned.request.inertia, kind), second_opinion=False)
-        if impact.status in (Status.INFEASIBLE, Status.UNSOLVED):
-            raise PlanError(f"impact map with {kind}: {impact.status}, {impact.detail}; plan another height or speed")
-        speeds = []
-        for arm in direction.arms:
-            k = problem.names.index(SIDES[arm])
-            twist = problem.bodies[k].twist(impact.velocity[problem.slices[k]])
-            speeds.append(direction.sign * float(twist[direction.axis]))
-        predicted[kind] = float(np.mean(speeds))
+    by_map = {
+        which: {kind: _predicted(planned, direction, which, kind) for kind in ReflectedInertia} for which in MapKind
+    }
     velocities = planned.velocities[list(direction.arms), direction.axis]
-    return Prediction(direction.sign * float(velocities.mean()), predicted)
+    return Prediction(direction.sign * float(velocities.mean()), by_map)
+
+
+def _predicted(planned: PlannedMotion, direction: Direction, which: MapKind, kind: ReflectedInertia) -> float:
+    problem = planned.map.problem
+    impact = _MAPS[which](with_inertia(problem, planned.request.inertia, kind), second_opinion=False)
+    if impact.status in (Status.INFEASIBLE, Status.UNSOLVED):
+        raise PlanError(
+            f"impact map {which} with {kind}: {impact.status}, {impact.detail}; plan another height or speed"
+        )
+    speeds = []
+    for arm in direction.arms:
+        k = problem.names.index(SIDES[arm])
+        twist = problem.bodies[k].twist(impact.velocity[problem.slices[k]])
+        speeds.append(direction.sign * float(twist[direction.axis]))
+    return float(np.mean(speeds))
 
 
 def with_inertia(problem: Problem, was: ReflectedInertia, kind: ReflectedInertia) -> Problem:

@@ -1,37 +1,55 @@
-"""What a worker does for a reference: plan it, run its parts with nothing in the way, feed forward what they tell."""
+"""What a worker does for a reference: plan it, run its parts with nothing in the way, feed forward what they tell.
 
+What is left of friction and gravity compensation along a reference, (30)-(31) of Appendix A: the paper averages the
+feedback of free runs over time, and adds it to the reference as feedforward. Feedback takes 2/sqrt(k) = 0.2 s to take
+up what changes; what it has not taken up yet is seen as an acceleration of the error, and counts here, too:
+a_fr = a_fb + d/dt (v_d - v), which feedback would have had to be for the error to stay as it is. All that the
+controller follows is looked at, the six coordinates of the pad and the posture's joint.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
+from scipy.signal import savgol_filter
 
-from hal.files import replacing
+from hal.base.arrays import Array
+from hal.base.files import replacing
+from rtstack.control.impedance import task_inertia
+from rtstack.control.tick import ArmController
 from rtstack.experiments.seeds import seed_of
-from rtstack.identification.along import COORDINATES, FADE_S, average, residual
-from rtstack.papers.demonstrations import CELL, RECORDINGS, common_attachments
-from rtstack.papers.impact_maps.cell import open_validation_cell
+from rtstack.loop.history import Columns
+from rtstack.papers.demonstrations import RECORDINGS, common_attachments
 from rtstack.papers.impact_maps.feedback import AFTER_S
 from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, JointFriction, PlannedReference, Scenario
 from rtstack.papers.impact_maps.prediction import predict
-from rtstack.papers.impact_maps.worker import SWEEPS, ValidationBench, description_of, parameters_of
-from rtstack.planning import GrabPlan, PlanError, PlannedMotion, plan_grab, plan_push
+from rtstack.papers.impact_maps.worker import (
+    SWEEPS,
+    ValidationBench,
+    parameters_of,
+    validation_cell,
+)
+from rtstack.papers.simulated_cell import WorkerHost
+from rtstack.planning import GrabPlan, PlanError, PlannedMotion, PushPlan, plan_grab, plan_push
 from rtstack.planning.file import write_plan
-from rtstack.planning.free import PlanPhase, compensated, free_motion
+from rtstack.planning.free import FreeMotion, PlanPhase, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers
-from rtstack.trials.motion import run_motion
-from rtstack.trials.record import frames, trial_metadata
-from rtstack.trials.run_context import RunContext
+from rtstack.trials.carry_out import carry_out
+from rtstack.trials.motion import PreparedMotion
+from rtstack.trials.record import whole_run_log
 from rtstack.trials.specification import FreeRunSpecification
-from rtstack.trials.whole_run_log import WholeRunLog
 
+WINDOW = 101  # ticks over which what is left is smoothed, by cubics: friction along a path changes with the path
+FADE_S = 0.1  # at the end of what was run
+COORDINATES = 7  # of the pad, six, and the posture's joint
 NO_OBJECT = ""  # what a cell is opened with, as for a playback
 
 
-def _planned(
-    bench: ValidationBench, scenario: Scenario, thing: str, case: str, scale: float, compensate: bool
-) -> PlannedMotion:
-    """Return a plan. Raises PlanError."""
-    description = description_of(bench)
-    request = scenario.request(case, scale, compensate)
+@lru_cache(maxsize=4)  # the robots' turns follow one another
+def _planned(bench: ValidationBench, thing: str, request: GrabPlan | PushPlan) -> PlannedMotion:
+    """Return a plan, which is the same for all robots. Raises PlanError."""
+    description = bench.description
     if isinstance(request, GrabPlan):
         return plan_grab(description, thing, request)
     return plan_push(description, thing, request)
@@ -40,33 +58,34 @@ def _planned(
 def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, count: int) -> str | None:
     """Make `count` runs along a part of a reference, their logs, and their average. Returns None, or in one line why
     it failed."""
-    description = description_of(bench)
+    description = bench.description
     conditions = replace(bench.nominal, joint_friction=JointFriction.IDENTIFIED)
-    parameters = parameters_of(bench, conditions, scenario.gains, description)
+    parameters = parameters_of(bench, conditions, scenario.gains, description, runs.robot)
     try:
-        planned = _planned(bench, scenario, runs.object, runs.case_name, runs.scale, compensate=True)
+        planned = _planned(bench, runs.object, scenario.request(runs.case_name, runs.scale, kind=runs.map))
         free = free_motion(planned, description, runs.part, parameters.control, AFTER_S + FADE_S)
     except PlanError as error:
         return str(error)
     arms, found = arm_controllers(description, parameters), []
     for run in range(count):
-        seed = seed_of(bench.robot, runs.name, run)
-        specification = FreeRunSpecification(runs.name, runs.part, run, bench.robot, seed)
-        log = WholeRunLog(
+        seed = seed_of(runs.robot, runs.name, run)
+        specification = FreeRunSpecification(runs.name, runs.part, run, runs.robot, seed)
+        log = whole_run_log(
             bench.out / SWEEPS / runs.log(run),
-            {"trial": trial_metadata(specification, CELL, None)}, common_attachments(bench.cell_file),
-            frames(description, NO_OBJECT),
-        )  # fmt: skip
-        cell = open_validation_cell(NO_OBJECT, seed, bench.robot, conditions)
-        try:
-            reason, columns = run_motion(free.plan, description, parameters, cell, RunContext(log))
-        finally:
-            cell.close()
-        if reason is not None:
-            return f"its run with nothing in the way ({runs.log(run)}): {reason}"
-        found.append(residual(columns, free, arms))
+            specification,
+            description,
+            common_attachments(bench.cell_file),
+            bench.cell,
+            law_inertia=parameters.inertia.law_inertia,
+        )
+        prepared = PreparedMotion(specification, description, free.plan, parameters, seed)
+        built = validation_cell(NO_OBJECT, seed, runs.robot, conditions)
+        result = carry_out(prepared, WorkerHost(built, bench.cell, log))
+        if not result.success:
+            return f"its run with nothing in the way ({runs.log(run)}): {result.failure_reason}"
+        found.append(residual(result.columns, free, arms))
     fade_s = FADE_S if runs.part is PlanPhase.POST else 0.0
-    with replacing(bench.out / SWEEPS / runs.file) as partial, open(partial, "wb") as file:
+    with replacing(bench.out / SWEEPS / runs.file) as unfinished, open(unfinished, "wb") as file:
         np.save(file, average(found, fade_s, free.plan.period_s))
     return None
 
@@ -86,11 +105,10 @@ def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario
 
     What was identified along it has to be there.
     """
-    description = description_of(bench)
+    description = bench.description
     try:
-        planned = _planned(
-            bench, scenario, reference.object, reference.case_name, reference.scale, reference.compensate
-        )
+        request = scenario.request(reference.case_name, reference.scale, reference.compensate, reference.map)
+        planned = _planned(bench, reference.object, request)
         prediction = predict(planned, DIRECTIONS[reference.motion])
     except PlanError as error:
         return str(error)
@@ -99,3 +117,38 @@ def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario
     prediction.write(path.with_suffix(".json"))
     write_plan(path, planned, description, bench.cell_file)
     return None
+
+
+def residual(columns: Columns, free: FreeMotion, arms: Sequence[ArmController]) -> Array:
+    """Return what feedback would have had to add in a run of a free motion, (arms, end - begin, 7): m/s^2, rad/s^2.
+
+    arms: for their models.
+    """
+    joint, period_s = arms[0].parameters.posture_joint, free.plan.period_s
+    n = min(columns.arm.shape[1], free.plan.ticks)
+    found = np.empty((len(arms), free.end - free.begin, COORDINATES))
+    for side, arm in enumerate(arms):
+        samples, control, points = columns.arm[side][:n], columns.control[side][:n], free.plan.ante[side][:n]
+        feedback, lag = np.empty((n, COORDINATES)), np.empty((n, COORDINATES))
+        wrench = control["wrench_desired"] - control["wrench_ff"]
+        for i in range(n):
+            arm.sample["q"][0], arm.sample["dq"][0] = samples["q"][i], samples["dq"][i]
+            arm.observe()
+            work = arm.workspace[0]
+            task_inertia(work)
+            feedback[i, :6] = work["Lambda_inverse"] @ wrench[i]
+            lag[i, :6] = control["twist_ref"][i] - work["twist"]
+        feedback[:, 6] = control["beta"] - points["beta"]
+        lag[:, 6] = points["dxi"] - samples["dq"][:, joint]
+        taken_up: Array = np.asarray(savgol_filter(feedback, WINDOW, 3, axis=0))
+        left: Array = np.asarray(savgol_filter(lag, WINDOW, 3, deriv=1, delta=period_s, axis=0))
+        found[side] = (taken_up + left)[free.begin : free.end]
+    return found
+
+
+def average(residuals: Sequence[Array], fade_s: float, period_s: float) -> Array:
+    """Return (31), the mean over runs of residuals (arms, n, 7), which ends within the last fade_s, not at once."""
+    mean = np.mean(residuals, axis=0)
+    n = mean.shape[1]
+    fade = np.clip((n - np.arange(n)) * period_s / fade_s, 0.0, 1.0) if fade_s > 0.0 else np.ones(n)
+    return mean * fade[None, :, None]

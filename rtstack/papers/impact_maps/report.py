@@ -4,21 +4,27 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
+from itertools import product
 from pathlib import Path
 
+import matplotlib as mpl
+import numpy as np
+
 from rtstack.control.tick import ArmController
+from rtstack.experiments.claims import shown
 from rtstack.experiments.experiment import Results, Row
 from rtstack.experiments.page import PAGE
 from rtstack.experiments.report import Figure, Report, Section, Table
+from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.impact_map import ReflectedInertia
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
-from rtstack.papers.impact_maps import figures
-from rtstack.papers.impact_maps.claims import judge_claims, percent
-from rtstack.papers.impact_maps.evaluation import NAMES, PAPER, PAPER_LINES, TABLES, Cell, combined, tables
+from rtstack.papers.impact_maps.claims import judge_claims
+from rtstack.papers.impact_maps.evaluation import NAMES, PAPER, PAPER_LINES, TABLES, Cell, tables
 from rtstack.papers.impact_maps.evaluation import Table as Fitted
 from rtstack.papers.impact_maps.feedback import FeedbackSignal, feedback_signal
 from rtstack.papers.impact_maps.plan import DIRECTIONS, PlannedReference, ValidationPlan
+from rtstack.papers.impact_maps.prediction import MapKind
 from rtstack.references.motion import Motion
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.review import log_columns
@@ -40,7 +46,8 @@ def report(
     for name in names:
         own = [table for table in of_all if table.conditions == name]
         words = ", ".join(f"{key} {value}" for key, value in asdict(plan.conditions[name]).items() if value is not None)
-        parts.append(Section(name, judge_claims(own), [_table(table) for table in own], about=words))
+        both = [_table(table, which) for table in own for which in MapKind]
+        parts.append(Section(name, judge_claims(plan.claims, own), both, about=words))
     left_out = sum(plan.reference(trial) in refused for trial in plan.trials())
     return Report(
         parts, [] if results.preliminary else _figures(rows, of_all, plan, results.out, description),
@@ -54,8 +61,9 @@ def report(
     )  # fmt: skip
 
 
-def _table(table: Fitted) -> Table:
-    paper = PAPER[table.motion]
+def _table(table: Fitted, which: MapKind) -> Table:
+    """Return a table of the paper's form with the predictions of one map; errors of lines are of all robots' trials."""
+    paper, kinds = PAPER[table.motion], [(which, kind) for kind in NAMES]
     lines = []
     for cell in table.cells:
         theirs = PAPER_LINES[table.motion].get(cell.object, ())
@@ -67,31 +75,33 @@ def _table(table: Fitted) -> Table:
                 "-" if estimate is None else f"{estimate:.3f} m/s",
                 _estimate(cell),
                 percent(error),
-                *(percent(cell.error_percent(kind)) for kind in NAMES),
+                *(percent(cell.error_percent(kind)) for kind in kinds),
                 "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
-                percent(cell.error_percent(ReflectedInertia.B_THETA, over_swing=True)),
                 "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
                 f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
             ]
         )
-    bias = [percent(table.average(kind)) for kind in NAMES]
-    absolute = [percent(table.absolute(kind)).lstrip("+") for kind in NAMES]
-    over_swing = (
-        percent(table.average(ReflectedInertia.B_THETA, over_swing=True)),
-        percent(table.absolute(ReflectedInertia.B_THETA, over_swing=True)).lstrip("+"),
-    )
+    bias = [shown(table.average(kind), " %", 2) for kind in kinds]
+    absolute = [shown(table.absolute(kind), " %", 2) for kind in kinds]
+    over_swing = [shown(table.absolute(kind, over_swing=True), " %", 2) for kind in kinds]
     theirs = [percent(paper[kind][0]) for kind in NAMES], [percent(paper[kind][1]).lstrip("+") for kind in NAMES]
     lines += [
-        ["Average error", "", "", "", *bias, "", over_swing[0], "", ""],
-        ["paper", "", "", "", *theirs[0], "", "", "", ""],
-        ["Absolute error", "", "", "", *absolute, "", over_swing[1], "", ""],
-        ["paper", "", "", "", *theirs[1], "", "", "", ""],
+        ["Average error", "", "", "", *bias, "", "", ""],
+        ["paper", "", "", "", *theirs[0], "", "", ""],
+        ["Absolute error", "", "", "", *absolute, "", "", ""],
+        ["paper", "", "", "", *theirs[1], "", "", ""],
+        ["Absolute error, feedback over its last swing", "", "", "", *over_swing, "", "", ""],
     ]
     headings = (
-        "", "estimate, paper", "here [95 % interval]", "B_theta, paper", *NAMES.values(), "swing",
-        "B_theta over it", "R²", "trials",
+        "", "estimate, paper", "here [95 % interval]", "B_theta, paper", *NAMES.values(), "swing", "R²", "trials",
     )  # fmt: skip
-    return Table(f"{TABLES[table.motion]}: {table.motion}", headings, lines)
+    title = "the paper's map, a single step" if which is MapKind.SINGLE_STEP else "our converged map"
+    return Table(f"{TABLES[table.motion]}: {table.motion}, {title}", headings, lines)
+
+
+def percent(value: float | None) -> str:
+    """Return an error in words."""
+    return "-" if value is None else f"{value:+.2f} %"
 
 
 def _estimate(cell: Cell) -> str:
@@ -102,18 +112,15 @@ def _estimate(cell: Cell) -> str:
 
 
 def _overview(of_all: Sequence[Fitted]) -> list[list[str]]:
-    """Return a line for each set of conditions and table: what differs between them, side by side."""
+    """Return a line for each set of conditions, table and map: what differs between them, side by side."""
     lines = []
     for table in of_all:
-        bias = [percent(table.average(kind)) for kind in NAMES]
-        absolute = [percent(table.absolute(kind)).lstrip("+") for kind in NAMES]
         r_squared = "-" if table.r_squared is None else f"{table.r_squared:.4f}"
-        lines.append([table.conditions, str(table.motion), *bias, *absolute, r_squared])
-    for name in dict.fromkeys(table.conditions for table in of_all):
-        both = [table for table in of_all if table.conditions == name]
-        if len(both) > 1:
-            absolute = [percent(combined(both, kind)).lstrip("+") for kind in NAMES]
-            lines.append([name, "both", "", "", "", *absolute, ""])
+        for which in MapKind:
+            kinds = [(which, kind) for kind in NAMES]
+            errors = [*map(table.average, kinds), *map(table.absolute, kinds)]
+            words = ["-" if error is None else f"{error.mean:+.2f} %" for error in errors]
+            lines.append([table.conditions, f"{table.motion}, {which}", *words, r_squared])
     return lines
 
 
@@ -138,15 +145,15 @@ def _figures(
         signals = _signals(rows, table, cell, out, arms)
         found += [
             Figure(f"figure{first}.png", f"Figure {first}: {of}. Means over the trials of each velocity; dotted: the "
-                   "nominal impact.", partial(figures.signals, by_scale=signals)),
+                   "nominal impact.", partial(draw_signals, by_scale=signals)),
             Figure(f"figure{second}.png", f"Figure {second}: {of}. Grey: the estimate's 95 % interval.",
-                   partial(figures.fit, cell=cell)),
+                   partial(draw_fit, cell=cell)),
         ]  # fmt: skip
     return found
 
 
 def _signals(
-    rows: list[Row], table: Fitted, cell: Cell, out: Path, arms: tuple[ArmController, ArmController]
+    rows: list[Row], table: Fitted, cell: Cell, out: Path, arms: tuple[ArmController, ...]
 ) -> dict[float, list[FeedbackSignal]]:
     found: dict[float, list[FeedbackSignal]] = {}
     for row in rows:
@@ -158,3 +165,65 @@ def _signals(
             signal = feedback_signal(columns, row["nominal_impact_time_s"], arms, DIRECTIONS[table.motion])
             found.setdefault(row["scale"], []).append(signal)
     return found
+
+
+# Okabe and Ito's colours, safe for colour-blind eyes
+COLOURS = ("#56B4E9", "#009E73", "#000000", "#E69F00", "#D55E00")
+WORDS = {MapKind.SINGLE_STEP: "single step", MapKind.CONVERGED: "converged"}
+INERTIA = {
+    ReflectedInertia.B_THETA: ("#0072B2", "-"),
+    ReflectedInertia.B: ("#D55E00", "--"),
+    ReflectedInertia.NONE: ("#009E73", ":"),
+}
+
+
+@mpl.rc_context(STYLE)
+def draw_signals(path: Path, by_scale: Mapping[float, Sequence[FeedbackSignal]]) -> None:
+    """Draw velocity, feedback and its integral, averaged over the trials of each scale (Figures 6 and 8)."""
+    figure, axes = new_figure(7.5, 7.0, nrows=3, sharex=True)
+    for colour, (scale, trials) in zip(COLOURS, sorted(by_scale.items()), strict=False):
+        n = min(len(trial.t_s) for trial in trials)
+        t_ms = 1e3 * trials[0].t_s[:n]
+        velocity, reference, feedback, integral = (
+            np.mean([getattr(trial, name)[:n] for trial in trials], axis=0)
+            for name in ("velocity", "reference", "feedback", "integral")
+        )
+        axes[0][0].plot(t_ms, reference, color=colour, linestyle="--", linewidth=0.9)
+        axes[0][0].plot(t_ms, velocity, color=colour, label=f"{scale:g} of the prediction")
+        axes[1][0].plot(t_ms, feedback, color=colour)
+        axes[2][0].plot(t_ms, integral, color=colour)
+    for axis, label in zip(
+        axes[:, 0], ("velocity, m/s\n(dashed: reference)", "feedback (28), m/s$^2$", "its integral, m/s"), strict=True
+    ):
+        axis.axvline(0.0, color="#555555", linestyle=":", linewidth=0.9)
+        axis.axhline(0.0, color="#555555", linewidth=0.6)
+        axis.set_ylabel(label)
+    axes[2][0].set_xlabel("time from the nominal impact, ms")
+    figure.legend(loc="outside lower center", ncols=3)
+    save(figure, path)
+
+
+@mpl.rc_context(STYLE)
+def draw_fit(path: Path, cell: Cell) -> None:
+    """Draw net feedback over the planned velocity, the fitted line, its zero and the predictions (Figures 7 and 9)."""
+    figure, axes = new_figure(7.5, 3.8)
+    axis = axes[0][0]
+    v, net = (np.array(column) for column in zip(*cell.points, strict=True))
+    axis.plot(v, net, "o", color="#555555", markersize=4, label="trials")
+    if cell.fit is not None:
+        ends = np.array([v.min(), v.max()])
+        axis.plot(ends, cell.fit.slope * (ends - cell.fit.estimate), color="#999999", label="fit")
+        axis.axvline(cell.fit.estimate, color="#000000", linewidth=1.6, label=f"estimate {cell.fit.estimate:.3f} m/s")
+        if cell.fit.low is not None and cell.fit.high is not None:
+            axis.axvspan(cell.fit.low, cell.fit.high, color="#000000", alpha=0.1, linewidth=0)
+    for which, kind in product(MapKind, INERTIA):
+        width = 1.6 if which is MapKind.SINGLE_STEP else 0.8
+        colour, style = INERTIA[kind]
+        error = cell.error_percent((which, kind))
+        label = f"{WORDS[which]}, {NAMES[kind]}" + ("" if error is None else f" ({error:+.2f} %)")
+        axis.axvline(cell.predicted[which, kind], color=colour, linestyle=style, linewidth=width, label=label)
+    axis.axhline(0.0, color="#555555", linewidth=0.6)
+    axis.set_xlabel("post-impact velocity of the reference, m/s")
+    axis.set_ylabel("net feedback (29), m/s")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    save(figure, path)

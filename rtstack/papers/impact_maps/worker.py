@@ -9,94 +9,135 @@ import numpy as np
 from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.tick import ArmController
 from rtstack.experiments.experiment import Row
-from rtstack.identification.procedure import Identification, SweepRun
+from rtstack.identification.procedure import Identification, sweep_log
 from rtstack.impact_map import ReflectedInertia
-from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, common_attachments
-from rtstack.papers.impact_maps.cell import open_validation_cell
+from rtstack.model.cell_description import CellDescription
+from rtstack.papers.demonstrations import (
+    LOGS,
+    RECORDINGS,
+    campaign_record,
+    common_attachments,
+    described_cell,
+)
 from rtstack.papers.impact_maps.feedback import feedback_signal
 from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
-    Conditions,
     Gains,
     JointFriction,
     PlannedReference,
+    ValidationConditions,
     ValidationTrial,
 )
-from rtstack.papers.impact_maps.prediction import Prediction, read_prediction
+from rtstack.papers.impact_maps.prediction import MapKind, Prediction, read_prediction
+from rtstack.papers.simulated_cell import FRICTION_DRAW, SMALLEST_FACTOR, BuiltCell, WorkerHost, simulated_files
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
-from rtstack.trials.record import frames, trial_metadata
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
-from rtstack.trials.whole_run_log import WholeRunLog
+from rtstack.trials.carry_out import carry_out
+from rtstack.trials.record import whole_run_log
+from rtstack.trials.specification import SweepSpecification, TrialSpecification
+from rtstack.trials.trial import PreparedTrial, prepare_trial
+from sim_robot.scene import NO_OBJECT, PlacementScatter
+
+
+def validation_cell(object_name: str, seed: int, robot: int, conditions: ValidationConditions) -> BuiltCell:
+    """Return the simulated cell of a trial: the arms of seed `robot`, everything else of `seed`.
+
+    object_name: empty for a cell without an object.
+    """
+    nominal, parameters = simulated_files()
+    draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
+    pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()
+    known = object_name or next(iter(nominal.objects))
+    thing = nominal.find(known)
+    if conditions.damping_ratio is not None:
+        thing = replace(thing, damping_ratio=conditions.damping_ratio)
+    scene = replace(
+        nominal,
+        pad=replace(nominal.pad, friction=conditions.pad_friction * pad),
+        table=replace(nominal.table, friction=conditions.table_friction * table),
+        placement_scatter=PlacementScatter(conditions.placement_mm, conditions.placement_yaw_deg),
+        objects={**nominal.objects, known: thing},
+    )
+    joints = parameters.joints
+    B_theta = tuple(conditions.B_theta_factor * inertia for inertia in joints.B_theta)
+    parameters = replace(parameters, joints=replace(joints, B_theta=B_theta))
+    if conditions.motor_inertia_scatter is not None:
+        scatter = replace(parameters.scatter, motor_inertia=conditions.motor_inertia_scatter)
+        parameters = replace(parameters, scatter=scatter)
+    return BuiltCell(scene, parameters, object_name or NO_OBJECT, seed, arms_seed=robot)
+
 
 SWEEPS = "identification"
-FRICTION = "friction.toml"
+
+
+def friction_file(robot: int) -> str:
+    """Return the name of what was identified on a robot, joint by joint."""
+    return f"friction.r{robot}.toml"
+
+
+def sweep_file(robot: int, asked: SweepSpecification) -> str:
+    """Return the name of the log of a run of a robot's identification."""
+    return f"r{robot}.{sweep_log(asked)}"
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a trial gives to the fit, m/s: velocities after the impact as planned and as predicted, net feedback (29),
-    its mean over the last swing, and how much it still swings. complete: whether the trial lasted for all of (29)'s
-    window."""
+    """What a trial gives to the fit, m/s: velocities after the impact as planned and as predicted by each map with each
+    inertia, net feedback (29), its mean over the last swing, how much it still swings, and the pads' lowest velocity
+    after the impact. complete: whether the trial lasted for all of (29)'s window."""
 
     planned_m_s: float
-    predicted_B_theta_m_s: float
-    predicted_B_m_s: float
-    predicted_none_m_s: float
+    single_step_B_theta_m_s: float
+    single_step_B_m_s: float
+    single_step_none_m_s: float
+    converged_B_theta_m_s: float
+    converged_B_m_s: float
+    converged_none_m_s: float
     net_feedback_m_s: float
     net_over_swing_m_s: float
     swing_m_s: float
+    lowest_m_s: float
     complete: bool
 
 
 @dataclass(frozen=True, slots=True)
 class ValidationBench:
-    """What all trials of a campaign have in common, as it is sent to the workers. robot: seed of the arms; nominal: the
+    """What all trials of a campaign have in common, as it is sent to the workers. cell: its kind; nominal: the
     conditions of the identification; digest: the campaign's, for the logs. Paths are absolute."""
 
     out: Path
+    cell: str
     cell_file: Path
-    robot: int
-    nominal: Conditions
+    nominal: ValidationConditions
     digest: str
 
-
-@lru_cache(maxsize=4)
-def description_of(bench: ValidationBench) -> CellDescription:
-    """Return the cell's description."""
-    return load_cell_description(bench.cell_file)
+    @property
+    def description(self) -> CellDescription:
+        """The cell, read once in a process."""
+        return described_cell(self.cell_file)
 
 
 @lru_cache(maxsize=1)
 def _identification(bench: ValidationBench) -> Identification:
-    return Identification(description_of(bench))
+    return Identification(bench.description)
 
 
-def identify(bench: ValidationBench, run: SweepRun) -> str | None:
-    """Make one run of the identification, and its log. Returns None, or in one line why it failed."""
-    specification = run.specification
-    identification = _identification(bench)
-    log = WholeRunLog(
-        bench.out / SWEEPS / run.file,
-        {"trial": trial_metadata(specification, CELL, None)}, common_attachments(bench.cell_file),
-        frames(description_of(bench), specification.object),
+def identify(bench: ValidationBench, robot: int, asked: SweepSpecification) -> str | None:
+    """Make one run of a robot's identification, and its log. Returns None, or in one line why it failed."""
+    log = whole_run_log(
+        bench.out / SWEEPS / sweep_file(robot, asked), asked, bench.description,
+        common_attachments(bench.cell_file), bench.cell, law_inertia=bench.description.gains.law_inertia,
     )  # fmt: skip
-    noise = 1000 * specification.run + specification.joint
-    cell = open_validation_cell(specification.object, noise, bench.robot, bench.nominal)
-    try:
-        return identification.run(run, cell, RunContext(log))
-    finally:
-        cell.close()
+    prepared = _identification(bench).prepared(asked)
+    built = validation_cell(asked.object, prepared.noise, robot, bench.nominal)
+    return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
 
 
 def parameters_of(
-    bench: ValidationBench, conditions: Conditions, gains: Gains, description: CellDescription
+    bench: ValidationBench, conditions: ValidationConditions, gains: Gains, description: CellDescription, robot: int
 ) -> Parameters:
     """Return the controller's numbers: the paper's tasks and interim mode, friction as the conditions have it."""
     if conditions.joint_friction is JointFriction.IDENTIFIED:
-        description = replace(description, joint_friction=bench.out / FRICTION)
+        description = replace(description, joint_friction=bench.out / friction_file(robot))
     parameters = cell_parameters(description)
     if conditions.joint_friction is JointFriction.NONE:
         none = FrictionParameters(scale=0.0)
@@ -111,47 +152,50 @@ def parameters_of(
 
 @lru_cache(maxsize=16)
 def _prepared(
-    bench: ValidationBench, reference: PlannedReference, gains: Gains, conditions: Conditions
+    bench: ValidationBench, reference: PlannedReference, gains: Gains, conditions: ValidationConditions
 ) -> tuple[PreparedTrial, Prediction]:
-    description = description_of(bench)
+    description = bench.description
     path = bench.out / RECORDINGS / reference.file
-    parameters = parameters_of(bench, conditions, gains, description)
+    parameters = parameters_of(bench, conditions, gains, description, reference.robot)
     prepared = prepare_trial(TrialSpecification(str(path), object=reference.object), description, parameters)
     return prepared, read_prediction(path.with_suffix(".json"))
 
 
 @lru_cache(maxsize=1)
-def _models(bench: ValidationBench) -> tuple[ArmController, ArmController]:
-    description = description_of(bench)
+def _models(bench: ValidationBench) -> tuple[ArmController, ...]:
+    description = bench.description
     return arm_controllers(description, cell_parameters(description))
 
 
 def run(
-    bench: ValidationBench, trial: ValidationTrial, reference: PlannedReference, gains: Gains, conditions: Conditions
+    bench: ValidationBench,
+    trial: ValidationTrial,
+    reference: PlannedReference,
+    gains: Gains,
+    conditions: ValidationConditions,
 ) -> list[Row]:
     """Run a trial and write its log. Returns the row of the results' table."""
     prepared, prediction = _prepared(bench, reference, gains, conditions)
     specification = TrialSpecification(f"{RECORDINGS}/{reference.file}", object=trial.object, seed=trial.seed)
     prepared = replace(prepared, specification=specification)
     path = bench.out / LOGS / f"{trial.id}.mcap"
-    campaign = {key: str(value) for key, value in asdict(trial).items()} | {"id": trial.id, "digest": bench.digest}
-    metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
-    log = WholeRunLog(
-        path, metadata, common_attachments(bench.cell_file),
-        frames(prepared.description, trial.object),
+    log = whole_run_log(
+        path, specification, prepared.description, common_attachments(bench.cell_file), bench.cell,
+        reference=prepared.reference, law_inertia=prepared.parameters.inertia.law_inertia,
+        campaign=campaign_record(trial, bench.digest),
     )  # fmt: skip
-    cell = open_validation_cell(trial.object, trial.seed, bench.robot, conditions)
-    try:
-        result = run_trial(prepared, cell, RunContext(log))
-    finally:
-        cell.close()
+    built = validation_cell(trial.object, trial.seed, trial.robot, conditions)
+    result = carry_out(prepared, WorkerHost(built, bench.cell, log))
     if log.columns is None or not path.exists():
         raise OSError(result.failure_reason)
     signal = feedback_signal(log.columns, result.nominal_impact_time_s, _models(bench), DIRECTIONS[trial.motion])
-    by = prediction.by_inertia
+    predicted = {
+        f"{which}_{kind}_m_s": prediction.by_map[which][kind] for which in MapKind for kind in ReflectedInertia
+    }
     measured = Measured(
-        prediction.planned, by[ReflectedInertia.B_THETA], by[ReflectedInertia.B], by[ReflectedInertia.NONE],
-        signal.net, signal.net_over_swing, signal.swing, signal.complete,
+        planned_m_s=prediction.planned, **predicted, net_feedback_m_s=signal.net,
+        net_over_swing_m_s=signal.net_over_swing, swing_m_s=signal.swing, lowest_m_s=signal.lowest,
+        complete=signal.complete,
     )  # fmt: skip
     values = {**asdict(trial), **result.as_dict(), **asdict(measured)}
     return [values | {"id": trial.id, "motion": str(trial.motion), "log": f"{LOGS}/{trial.id}.mcap"}]

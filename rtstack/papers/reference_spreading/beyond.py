@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from rtstack.experiments.claims import shown
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.statistics import Interval, stratified_mean
-from rtstack.papers.reference_spreading.controllers import Controller
+from rtstack.papers.reference_spreading.controllers import Controller, millimetres, name_of
 from rtstack.papers.reference_spreading.evaluation import FIGURE11, TABLE2, Evaluation, place_of
-from rtstack.papers.reference_spreading.names import millimetres, name_of
 
 OURS, THEIRS = Controller.CONTACT_COMPLETION, Controller.PROPOSED
 COMPARED = (THEIRS, OURS)

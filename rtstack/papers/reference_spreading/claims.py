@@ -1,211 +1,257 @@
-"""The paper's claims, one by one, with what this campaign says about each."""
+"""The judges of the paper's claims, which its plan has in words: what a campaign says about each."""
 
-from rtstack.experiments.claims import Claim, ClaimStatus, order, shown
-from rtstack.experiments.statistics import Interval
-from rtstack.papers.reference_spreading.controllers import Controller
-from rtstack.papers.reference_spreading.evaluation import BASELINES, FIGURE11, TABLE2, Evaluation, Table2Line
-from rtstack.papers.reference_spreading.names import NAMES, millimetres
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
-PROPOSED = Controller.PROPOSED
-NO_RS, NO_VELOCITY, NO_INTERIM = BASELINES
+import numpy as np
 
+from rtstack.experiments.claims import Claim, ClaimStatus, at_least, at_most, combined, shown
+from rtstack.experiments.experiment import Row
+from rtstack.experiments.registration import Finding, Judge, PlannedClaim, judged
+from rtstack.experiments.statistics import Interval, plain_mean, proportion
+from rtstack.papers.reference_spreading.controllers import NAMES, Controller
+from rtstack.papers.reference_spreading.evaluation import (
+    BASELINES,
+    FIGURE11,
+    TABLE2,
+    Evaluation,
+    Value,
+    every,
+    place_of,
+    succeeded,
+    went_on,
+)
 
-MUCH = 0.5  # of the other one at most: much lower
-MINOR = 0.1  # of the highest force norm at most: a minor peak
+NO_RS, NO_VELOCITY, NO_INTERIM, PROPOSED = (
+    Controller.NO_REFERENCE_SPREADING, Controller.NO_VELOCITY_FEEDBACK, Controller.NO_INTERIM, Controller.PROPOSED,
+)  # fmt: skip
+# what the marks of the plans say in words
+TENTH, HALF, MOST = 0.1, 0.5, 0.9
+AT_ONCE_MS = 2.0
+UNSETTLED_MS = 500.0  # a time that is not over by then counts as this
 
-
-def judge_claims(evaluation: Evaluation) -> list[Claim]:
-    """Return every claim that this campaign can say something about."""
-    claims: list[Claim] = []
-    if evaluation.of(FIGURE11):
-        claims += _figure11(evaluation)
-    if evaluation.of(TABLE2):
-        claims += _table2(evaluation)
-    if evaluation.rows:
-        claims += _peaks(evaluation)
-    return claims
-
-
-def _figure11(evaluation: Evaluation) -> list[Claim]:
-    claims = []
-    for d in evaluation.displacements():
-        force = {controller: evaluation.mean_force(controller, d) for controller in NAMES}
-        claims.append(
-            Claim(
-                "Figure 11",
-                f"at {millimetres(d)} the proposed controller has the lowest mean force norm",
-                _each(force),
-                order((force[PROPOSED], force[baseline]) for baseline in BASELINES),
-            )
-        )
-    for baseline in (NO_RS, NO_INTERIM):
-        forces = [(evaluation.mean_force(PROPOSED, d), evaluation.mean_force(baseline, d)) for d in (-30.0, 30.0)]
-        gain = [
-            f"{100.0 * (1.0 - p.mean / b.mean):.0f} % at {d:+d} mm"
-            for d, (p, b) in zip((-30, 30), forces, strict=True)
-            if p and b
-        ]
-        verdict = order(forces)
-        claims.append(
-            Claim(
-                "issue",
-                f"its 95 % intervals at -30 and 30 mm lie apart from those of “{NAMES[baseline].lower()}”",
-                f"lower by {' and '.join(gain)}; intervals {'apart' if verdict is ClaimStatus.HOLDS else 'not apart'}",
-                verdict,
-            )
-        )
-    at_zero = {controller: evaluation.mean_force(controller, 0.0) for controller in NAMES}
-    if at_zero[PROPOSED] is not None:
-        claims.append(
-            Claim(
-                "V, p. 11",
-                "even at 0 mm the force norms without reference spreading and without interim mode are high",
-                _each(at_zero),
-                order((at_zero[PROPOSED], at_zero[baseline]) for baseline in (NO_RS, NO_INTERIM)),
-            )
-        )
-    return claims
+ControllerValue = Callable[[Controller], Interval | None]
 
 
-def _each(intervals: dict[Controller, Interval | None]) -> str:
-    return "; ".join(f"{NAMES[controller].lower()} {shown(interval)}" for controller, interval in intervals.items())
-
-
-def _table2(evaluation: Evaluation) -> list[Claim]:
-    lines = {line.controller: line for line in evaluation.table2()}
-    success = {c: line.success for c, line in lines.items()}
-    lift = {c: line.lift_mm for c, line in lines.items()}
-    shares = {c: interval.mean for c, interval in success.items() if interval is not None}
-    # a share of 100 % for all tells nothing about an order
-    alike = len(set(shares.values())) < 2
-    fewest = (
-        ClaimStatus.UNDECIDED if alike else order((success[NO_VELOCITY], success[c]) for c in lines if c != NO_VELOCITY)
-    )
-    best = max(shares.values(), default=0.0)
-    highest = max((row["peak_torque_ratio"] or 0.0 for row in evaluation.of(TABLE2)), default=0.0)
-    why = (
-        f"The highest joint torque of these trials was {100.0 * highest:.0f} % of its limit: simulated arms and pads "
-        "leave more room than the paper's. The campaign reference-spreading-sensitivity looks for where grabs fail."
-    )
-    lift_why = (
-        "The object rises with the pads as soon as both hold it, at their 0.12 to 0.16 m/s: ten milliseconds between "
-        "two controllers are 1.5 mm. The paper's differences need a contact that slips for a tenth of a second."
-    )
-    percent = "; ".join(f"{NAMES[c].lower()} {shown(i, ' %', 0, 100.0)}" for c, i in success.items())
-    return [
-        Claim("Table II", "no velocity feedback has the fewest successful grabs", percent, fewest, why),
-        Claim(
-            "Table II",
-            "the proposed controller's success is not below any baseline's",
-            percent,
-            ClaimStatus.WITHIN
-            if alike
-            else ClaimStatus.HOLDS
-            if shares.get(PROPOSED, 0.0) >= best
-            else ClaimStatus.DIFFERS,
-        ),
-        Claim(
-            "Table II",
-            "no velocity feedback has the lowest lift",
-            _lifts(lines),
-            order((lift[NO_VELOCITY], lift[c]) for c in lines if c != NO_VELOCITY),
-            lift_why,
-        ),
-        Claim(
-            "Table II",
-            "lift: no reference spreading > proposed > no interim mode",
-            _lifts(lines),
-            order([(lift[PROPOSED], lift[NO_RS]), (lift[NO_INTERIM], lift[PROPOSED])]),
-            lift_why,
-        ),
+def judge_claims(claims: Sequence[PlannedClaim], evaluation: Evaluation) -> list[Claim]:
+    """Return the plan's claims with their verdicts, those left out that this plan's experiments cannot judge."""
+    displacements = {row["displacement_mm"] for row in evaluation.rows}
+    has = {row["experiment"] for row in evaluation.rows}
+    known = [
+        claim
+        for claim in claims
+        if (claim.at in displacements or not isinstance(claim.at, float))
+        and ({TABLE2, FIGURE11} & has)
+        and (FIGURE11 in has or claim.judge != "repeatable")
     ]
+    return judged(known, JUDGES, evaluation)
 
 
-def _lifts(lines: dict[Controller, Table2Line]) -> str:
-    return "; ".join(f"{NAMES[c].lower()} {shown(line.lift_mm, ' mm', 2)}" for c, line in lines.items())
+def _each(value: ControllerValue, unit: str = "", digits: int = 1, factor: float = 1.0) -> str:
+    return "; ".join(f"{name.lower()} {shown(value(c), unit, digits, factor)}" for c, name in NAMES.items())
 
 
-def _share_at_most(share: float, part: Interval | None, whole: Interval | None) -> ClaimStatus:
-    """The status of "the part is at most this share of the whole"."""
-    if part is None or whole is None:
+def _below_zero(interval: Interval | None) -> ClaimStatus:
+    """The verdict of "the mean is below 0": UNDECIDED where all values are 0, since nothing tells them apart."""
+    if interval is not None and interval.low == interval.high == 0.0:
         return ClaimStatus.UNDECIDED
-    return ClaimStatus.HOLDS if part.mean <= share * whole.mean else ClaimStatus.DIFFERS
+    return at_most(interval, 0.0)
 
 
-def _at(when: Interval | None) -> str:
-    return f" at {when.mean:+.0f} ms" if when is not None else ""
+def _lower(
+    evaluation: Evaluation, pairs: Iterable[tuple[Controller, Controller]], value: str | Value, **how: Any
+) -> tuple[ClaimStatus, str]:
+    """Judge that the first is below the second of each pair; return the verdict and the differences in words."""
+    unit, digits = how.pop("unit", ""), how.pop("digits", 1)
+    found = [(a, b, evaluation.difference(a, b, value, **how)) for a, b in pairs]
+    words = "; ".join(f"{NAMES[a].lower()} less {NAMES[b].lower()} {shown(d, unit, digits)}" for a, b, d in found)
+    return combined(_below_zero(d) for _, _, d in found), words
 
 
-def _peaks(evaluation: Evaluation) -> list[Claim]:
-    mean = evaluation.mean
-    step = {c: mean(c, "largest_step") for c in NAMES}
-    when = {c: mean(c, "largest_step_ms") for c in NAMES}
-    to_interim, to_post = mean(PROPOSED, "step_to_interim"), mean(PROPOSED, "step_to_post")
-    at_switch = {c: mean(c, "step_to_post") for c in NAMES}
-    peak = {c: mean(c, "delay_peak") for c in NAMES}
-    delay, share = mean(PROPOSED, "detection_delay_ms"), mean(PROPOSED, "delay_peak_velocity_share")
-    swing = {c: mean(c, "swing_m_s") for c in NAMES}
-    settled = {c: mean(c, "settled_ms") for c in NAMES}
-    window = {c: mean(c, "peak_in_window") for c in NAMES}
-    steps = "; ".join(f"{NAMES[c].lower()} {shown(step[c])}{_at(when[c])}" for c in NAMES)
-    return [
-        Claim(
-            "Figures 8, 10",
-            "the desired force jumps without reference spreading (at T_r) and without interim mode (at the detection), "
-            "not with the proposed controller",
-            f"largest change of the desired wrenches from one tick to the next, N: {steps}",
-            order((step[PROPOSED], step[c]) for c in (NO_RS, NO_INTERIM)),
-        ),
-        Claim(
-            "IV-B",
-            "both switches of the proposed controller are continuous",
-            f"ante-impact to interim {shown(to_interim)}, interim to post-impact {shown(to_post)} N from one tick to "
-            f"the next; no interim mode {shown(at_switch[NO_INTERIM])}",
-            order((own, at_switch[NO_INTERIM]) for own in (to_interim, to_post)),
-        ),
-        Claim(
-            "V, p. 8",
-            "the proposed controller's only peak is a minor one, from the delay of the detection",
-            f"from contact to detection {shown(delay, ' ms')}; meanwhile the force norm rises by "
-            f"{shown(peak[PROPOSED])}, {shown(share, ' %', 0, 100.0)} of it velocity feedback, as it does without "
-            f"reference spreading ({shown(peak[NO_RS])}) and without interim mode ({shown(peak[NO_INTERIM])}): until "
-            "the detection all three are one controller, and nothing is gained or lost",
-            _share_at_most(MINOR, peak[PROPOSED], window[PROPOSED]),
-        ),
-        Claim(
-            "Figure 10",
-            "without velocity feedback the force peak is much lower than without reference spreading",
-            f"largest change at the switch: {shown(at_switch[NO_VELOCITY])} against "
-            f"{shown(at_switch[NO_RS])}; highest force norm {shown(window[NO_VELOCITY])} against "
-            f"{shown(window[NO_RS])}",
-            _share_at_most(MUCH, at_switch[NO_VELOCITY], at_switch[NO_RS]),
-            "The jump is that of the feedforward: ante-impact references ask for no force, post-impact ones for the "
-            "demonstration's grip of some 40 N a pad. Without reference spreading the same grip offsets half of the "
-            "velocity error's jump.",
-        ),
-        Claim(
-            "VI",
-            "the highest desired force around the impact is lower than without reference spreading or interim mode",
-            "highest force norm in the 200 ms: " + "; ".join(f"{NAMES[c].lower()} {shown(window[c])}" for c in NAMES),
-            order((window[PROPOSED], window[c]) for c in (NO_RS, NO_INTERIM)),
-            "With both it is highest in the post-impact mode, a tenth of a second or more after the detection: the "
-            "demonstration's grip, and how far the pads are from their places by then. It tells little of the impact.",
-        ),
-        Claim(
-            "Figure 8",
-            "without velocity feedback the pad vibrates most after the impact",
-            "peak to peak, m/s: " + "; ".join(f"{NAMES[c].lower()} {shown(swing[c], digits=3)}" for c in NAMES),
-            order((swing[c], swing[NO_VELOCITY]) for c in NAMES if c is not NO_VELOCITY),
-        ),
-        Claim(
-            "V, p. 10",
-            "contact is established latest without velocity feedback, soonest without reference spreading",
-            "from first contact to lasting contact of both pads, ms: "
-            + "; ".join(f"{NAMES[c].lower()} {shown(settled[c], digits=0)}" for c in NAMES),
-            order(
-                [*((settled[c], settled[NO_VELOCITY]) for c in NAMES if c is not NO_VELOCITY),
-                 *((settled[NO_RS], settled[c]) for c in NAMES if c is not NO_RS)]
-            ),
-            "Mean over all displacements: the pads vibrate (Figure 8), and do not leave the object for it.",
-        ),
-    ]  # fmt: skip
+def _against(first: Controller, others: Iterable[Controller] = NAMES) -> list[tuple[Controller, Controller]]:
+    return [(first, other) for other in others if other is not first]
+
+
+def _compared(
+    column: str | Value, pairs: Sequence[tuple[Controller, Controller]], unit: str = "", digits: int = 1, why: str = ""
+) -> Judge:
+    """Return the judge of an order of a column's means, pair by pair over references."""
+
+    def judge(evaluation: Evaluation, _at: object) -> Finding:
+        verdict, words = _lower(evaluation, pairs, column, unit=unit, digits=digits)
+        return Finding(f"{_each(lambda c: evaluation.mean(c, column), unit, digits)}. Pairs: {words}", verdict, why)
+
+    return judge
+
+
+def _force_at(evaluation: Evaluation, at: float, pairs: list[tuple[Controller, Controller]]) -> Finding:
+    where = FIGURE11 if evaluation.of(FIGURE11, displacement_mm=at) else TABLE2
+    verdict, words = _lower(evaluation, pairs, "average_force_norm", experiment=where, displacement_mm=at)
+    return Finding(f"{_each(lambda c: evaluation.mean_force(c, at, experiment=where))}. Pairs: {words}", verdict)
+
+
+def _grabs(evaluation: Evaluation, pairs: list[tuple[Controller, Controller]]) -> Finding:
+    verdict, words = _lower(evaluation, pairs, "success", digits=2, counted=every, experiment=TABLE2)
+    shares = _each({line.controller: line.success for line in evaluation.table2()}.get, " %", 0, 100.0)
+    return Finding(f"{shares}. Share, pairs: {words}", verdict, _why_grabs(evaluation))
+
+
+def _why_grabs(evaluation: Evaluation) -> str:
+    highest = max((row["peak_torque_ratio"] or 0.0 for row in evaluation.of(TABLE2)), default=0.0)
+    failed = "; ".join(f"{why}: " + ", ".join(f"{NAMES[Controller(c)].lower()} {n}" for c, n in by.items())
+                       for why, by in evaluation.failures().items())  # fmt: skip
+    return f"Highest joint torque {100.0 * highest:.0f} % of its limit. Failures: {failed or 'none'}."
+
+
+def _lift_order(evaluation: Evaluation, at: str) -> Finding:
+    """at: the controller that is below those that the paper has above it."""
+    above = {
+        NO_VELOCITY: (NO_RS, NO_INTERIM, PROPOSED), NO_INTERIM: (PROPOSED, NO_RS), PROPOSED: (NO_RS,),
+    }[Controller(at)]  # fmt: skip
+    pairs = _against(Controller(at), above)
+    verdict, words = _lower(
+        evaluation, pairs, "max_lift_mm", unit=" mm", digits=2, counted=succeeded, experiment=TABLE2
+    )
+    lift = {line.controller: line.lift_mm for line in evaluation.table2()}
+    return Finding(f"{_each(lift.get, ' mm', 2)}. Pairs in which both succeeded: {words}", verdict)
+
+
+def _dropped(evaluation: Evaluation, _at: object) -> Finding:
+    rows = [row for row in evaluation.rows if row["controller"] == NO_VELOCITY and not row["success"]]
+    lost = sum("held until release" in row["failure_reason"] for row in rows)
+    return Finding(f"{lost} of {len(rows)} failures", at_least(proportion(lost, len(rows)), HALF))
+
+
+def _limit_violations(evaluation: Evaluation, _at: object) -> Finding:
+    def ended(row: Row) -> float:
+        return float(not row["success"] and "held until release" not in row["failure_reason"])
+
+    pairs = [(other, NO_VELOCITY) for other in NAMES if other is not NO_VELOCITY]
+    verdict, words = _lower(evaluation, pairs, ended, digits=2, counted=every, experiment=TABLE2)
+    share = _each(lambda c: evaluation.mean(c, ended, counted=every), " %", 0, 100.0)
+    return Finding(f"ended by a limit: {share}. Share, pairs: {words}", verdict, _why_grabs(evaluation))
+
+
+def _jump(controller: Controller, when: Callable[[Row], float | None], what: str) -> Judge:
+    def judge(evaluation: Evaluation, _at: object) -> Finding:
+        rows = [row for row in evaluation.rows if row["controller"] == controller and went_on(row)]
+        times = [at for row in rows if (at := when(row)) is not None]
+        share = proportion(sum(abs(at) <= AT_ONCE_MS for at in times), len(times))
+        order, words = _lower(evaluation, [(PROPOSED, controller)], "largest_step", unit=" N")
+        steps = _each(lambda c: evaluation.mean(c, "largest_step"), " N")
+        said = f"{steps}; at {what} in {shown(share, ' %', 0, 100.0)}. Pairs: {words}"
+        return Finding(said, combined([order, at_least(share, MOST)]))
+
+    return judge
+
+
+def _after_detection_ms(row: Row) -> float | None:
+    if row["detected_impact_time_s"] is None or row["largest_step_ms"] is None:
+        return None
+    return row["largest_step_ms"] - 1e3 * (row["detected_impact_time_s"] - row["nominal_impact_time_s"])
+
+
+def _continuous(evaluation: Evaluation, _at: object) -> Finding:
+    found = []
+    for column in ("step_to_interim", "step_to_post"):
+        own = _scaled(column, NO_INTERIM, TENTH, "step_to_post")
+        found.append(evaluation.difference(PROPOSED, NO_INTERIM, own))
+    own_steps = [evaluation.mean(PROPOSED, column) for column in ("step_to_interim", "step_to_post")]
+    words = f"{shown(own_steps[0])} and {shown(own_steps[1])} N from one tick to the next; no interim mode "
+    words += f"{shown(evaluation.mean(NO_INTERIM, 'step_to_post'))}. Each less a tenth of that, pairs: "
+    return Finding(words + "; ".join(shown(each) for each in found), combined(map(_below_zero, found)))
+
+
+def _scaled(column: str, controller: Controller, factor: float, other: str | None = None) -> Value:
+    """Return the value of a column, of one controller `factor` times it, or of another column."""
+
+    def value(row: Row) -> float | None:
+        if row["controller"] != controller:
+            return row[column]
+        number = row[other or column]
+        return None if number is None else factor * number
+
+    return value
+
+
+def _minor_peak(evaluation: Evaluation, _at: object) -> Finding:
+    def share(row: Row) -> float | None:
+        return row["delay_peak"] / row["peak_in_window"] if row["delay_peak"] is not None else None
+
+    ratio, delay = evaluation.mean(PROPOSED, share), evaluation.mean(PROPOSED, "detection_delay_ms")
+    feedback = evaluation.mean(PROPOSED, "delay_peak_velocity_share")
+    words = f"{shown(ratio, ' %', 1, 100.0)} of the highest, in the {shown(delay, ' ms')} to the detection"
+    words += f"; {shown(feedback, ' %', 0, 100.0)} of it is velocity feedback"
+    return Finding(words, at_most(ratio, TENTH))
+
+
+def _repeatable(evaluation: Evaluation, _at: object) -> Finding:
+    found = {}
+    for column in ("average_force_norm", "peak_in_window"):
+        groups: dict[object, list[float]] = defaultdict(list)
+        for row in filter(went_on, evaluation.of(FIGURE11)):
+            groups[row["controller"], row["reference"], place_of(row)].append(row[column])
+        spread = [float(np.std(each, ddof=1) / np.mean(each)) for each in groups.values() if len(each) > 1]
+        found[column] = plain_mean(spread)
+    words = "standard deviation over mean: mean force norm {}, highest {}"
+    said = words.format(*(shown(each, " %", 1, 100.0) for each in found.values()))
+    return Finding(said, combined(at_most(each, TENTH) for each in found.values()))
+
+
+def _small_peak(evaluation: Evaluation, _at: object) -> Finding:
+    twice = _scaled("step_to_post", NO_VELOCITY, 1.0 / HALF)
+    verdict, words = _lower(evaluation, [(NO_VELOCITY, NO_RS)], twice, unit=" N")
+    at_switch = "; ".join(f"{NAMES[c].lower()} {shown(evaluation.mean(c, 'step_to_post'), ' N')}"
+                          for c in (NO_VELOCITY, NO_RS))  # fmt: skip
+    return Finding(f"at the switch: {at_switch}. Twice the first less the second: {words}", verdict)
+
+
+def _settling_ms(row: Row) -> float | None:
+    """Time to the end of slip; of a trial that has not ended by then or was lost before, UNSETTLED_MS."""
+    if row["first_contact_s"] is None:
+        return None
+    return UNSETTLED_MS if row["settled_ms"] is None else row["settled_ms"]
+
+
+def _settling(evaluation: Evaluation, _at: object) -> Finding:
+    pairs = [(c, NO_VELOCITY) for c in NAMES if c is not NO_VELOCITY]
+    pairs += [(NO_RS, c) for c in (NO_INTERIM, PROPOSED)]
+    verdict, words = _lower(evaluation, pairs, _settling_ms, unit=" ms", digits=0, counted=every)
+    censored = {c: sum(row["settled_ms"] is None for row in evaluation.rows if row["controller"] == c) for c in NAMES}
+    counts = ", ".join(f"{NAMES[c].lower()} {n}" for c, n in censored.items())
+    each = _each(lambda c: evaluation.mean(c, _settling_ms, counted=every), " ms", 0)
+    return Finding(f"{each}; not over in 0.5 s: {counts}. Pairs: {words}", verdict)
+
+
+_TO_NO_VELOCITY = [(c, NO_VELOCITY) for c in NAMES if c is not NO_VELOCITY]
+_BOTH = _against(PROPOSED, (NO_RS, NO_INTERIM))
+JUDGES: dict[str, Judge] = {
+    "lowest_force_norm": lambda evaluation, at: _force_at(evaluation, at, _against(PROPOSED)),
+    "high_at_zero": lambda evaluation, at: _force_at(evaluation, at, _BOTH),
+    "fewest_grabs": lambda evaluation, _at: _grabs(evaluation, _against(NO_VELOCITY)),
+    "most_grabs": lambda evaluation, _at: _grabs(evaluation, [(other, PROPOSED) for other in BASELINES]),
+    "lift_order": _lift_order,
+    "dropped": _dropped,
+    "limit_violations": _limit_violations,
+    "jump_without_rs": _jump(NO_RS, lambda row: row["largest_step_ms"], "T_r"),
+    "jump_without_interim": _jump(NO_INTERIM, _after_detection_ms, "the detection"),
+    "continuous": _continuous,
+    "minor_peak": _minor_peak,
+    "repeatable": _repeatable,
+    "small_peak": _small_peak,
+    "peaks_reduced": _compared("peak_in_window", _against(PROPOSED)),
+    "steps_reduced": _compared("largest_step", _against(PROPOSED), " N"),
+    "swing": _compared("swing_m_s", _TO_NO_VELOCITY, " m/s", 3),
+    "swing_other": _compared("swing_other_m_s", _TO_NO_VELOCITY, " m/s", 3),
+    "contact_lost": _compared(
+        "lost_ms",
+        _TO_NO_VELOCITY,
+        " ms",
+        why="With no controller a pad is off for more than some ms: these pads vibrate on the object and slip, and do "
+        "not bounce off it. What is dropped has slipped through (time to the end of slip).",
+    ),
+    "other_robot": _compared("largest_step_other", _BOTH, " N"),
+    "posture": _compared("posture_peak", _BOTH, " rad/s^2"),
+    "settling": _settling,
+}

@@ -1,11 +1,11 @@
 """From a campaign's results to the numbers that the paper prints: Table II, Figure 11, and what is behind them."""
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from rtstack.experiments.experiment import Row
-from rtstack.experiments.statistics import Interval, proportion, stratified_mean
+from rtstack.experiments.statistics import Interval, plain_mean, proportion, stratified_mean
 from rtstack.papers.reference_spreading.controllers import Controller
 
 TABLE2, FIGURE11 = "table2", "figure11"
@@ -15,12 +15,21 @@ RICE_BOX = "rice_box"
 
 @dataclass(frozen=True, slots=True)
 class Table2Line:
-    """One controller: share of successful grabs, and lift against its reference's and displacement's mean, mm."""
+    """One controller: share of successful grabs, and lift against its reference's and displacement's mean, mm.
+
+    lift_mm: of Table II's trials, its interval over references; repeated_lift_mm: of Figure 11's rice boxes.
+    """
 
     controller: Controller
     success: Interval | None
     lift_mm: Interval | None
+    repeated_lift_mm: Interval | None
 
+
+AFTER_S = 0.3  # see went_on
+
+Value = Callable[[Row], float | None]
+Counted = Callable[[Row], bool]
 
 # Table II of the paper: successful grabs, %, and average maximum lifting height difference, mm
 PAPER_TABLE2 = {
@@ -58,41 +67,58 @@ class Evaluation:
         return sorted({row["displacement_mm"] for row in self.of(FIGURE11)})
 
     def table2(self) -> list[Table2Line]:
-        """Return Table II. As in the paper the lift is taken where it was repeated: Figure 11's rice boxes.
-
-        Without those, Table II's own trials.
-        """
-        repeated = self.of(FIGURE11, object=RICE_BOX) or self.of(TABLE2)
+        """Return Table II: of its own trials, and the lift as the paper takes it, of Figure 11's rice boxes."""
+        own, repeated = self.of(TABLE2), self.of(FIGURE11, object=RICE_BOX)
         lines = []
         for controller in PAPER_TABLE2:
-            rows = self.of(TABLE2, controller=controller)
+            rows = [row for row in own if row["controller"] == controller]
             success = proportion(sum(row["success"] for row in rows), len(rows))
-            lines.append(Table2Line(controller, success, _lift(repeated, controller)))
+            lines.append(Table2Line(controller, success, _lift(own, controller), _lift(repeated, controller)))
         return lines
 
     def mean_force(
-        self, controller: Controller, displacement_mm: float, name: str = "average_force_norm"
-    ) -> Interval | None:
+        self, controller: Controller, displacement_mm: float, name: str = "average_force_norm",
+        experiment: str = FIGURE11,
+    ) -> Interval | None:  # fmt: skip
         """Return a point of Figure 11: the mean of (33), or of another column, over references and repetitions.
 
-        Of successful trials: what ended early has no 200 ms around its impact.
+        Of trials that `went_on`: what ended before has no 200 ms around its impact.
         """
-        return _by_reference(
-            self.of(FIGURE11, controller=controller, displacement_mm=displacement_mm, success=True), name
-        )
+        rows = self.of(experiment, controller=controller, displacement_mm=displacement_mm)
+        return _by_reference(filter(went_on, rows), name)
 
-    def mean(self, controller: Controller, name: str) -> Interval | None:
-        """Return the mean of a column over all successful trials of a controller."""
-        rows = [row for row in self.rows if row["controller"] == controller and row["success"]]
+    def mean(
+        self, controller: Controller, value: str | Value, *, counted: Counted | None = None
+    ) -> Interval | None:  # fmt: skip
+        """Return the mean over references of a column, or of a function of a row, with its t interval: what other
+        references would give. counted: which trials; by default those that `went_on`.
+        """
+        groups: dict[str, list[float]] = defaultdict(list)
+        for row in self.rows:
+            if row["controller"] == controller and (counted or went_on)(row):
+                _gather(groups[row["reference"]], row, value)
+        return plain_mean(sum(group) / len(group) for group in groups.values() if group)
+
+    def difference(
+        self, first: Controller, second: Controller, value: str | Value, *, counted: Counted | None = None,
+        **wanted: object,
+    ) -> Interval | None:  # fmt: skip
+        """Return the mean of `first` less `second`, pair by pair, with its t interval over the references' means.
+
+        A pair has the same experiment, reference, place and repetition, and so the same seed: arms, friction, noise.
+        counted: which trials, of both; by default those that `went_on`. wanted: values of columns, such as
+        displacement_mm=30.0.
+        """
+        pairs: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+        for row in self.rows:
+            if (counted or went_on)(row) and all(row[name] == each for name, each in wanted.items()):
+                key = row["reference"], row["experiment"], place_of(row), row["repetition"]
+                _gather(pairs[key][row["controller"]], row, value)
         groups: dict[object, list[float]] = defaultdict(list)
-        for row in rows:
-            if row[name] is not None:
-                groups[row["experiment"], row["reference"], place_of(row)].append(row[name])
-        interval = stratified_mean(groups)
-        if interval is None or interval.low is not None:
-            return interval
-        repeated = {key: group for key, group in groups.items() if len(group) > 1}
-        return stratified_mean(repeated) or interval
+        for (reference, *_), by in pairs.items():
+            if by[first] and by[second]:
+                groups[reference].append(by[first][0] - by[second][0])
+        return plain_mean(sum(group) / len(group) for group in groups.values())
 
     def failures(self) -> dict[str, dict[str, int]]:
         """Return how often each reason ended a trial, by controller."""
@@ -101,6 +127,30 @@ class Evaluation:
             if not row["success"]:
                 counts[kind_of(row["failure_reason"])][row["controller"]] += 1
         return {reason: dict(by) for reason, by in sorted(counts.items())}
+
+
+def went_on(row: Row) -> bool:
+    """Whether a trial went on for AFTER_S beyond its nominal impact: all of what the measures of the impact look at.
+
+    An object that is dropped later changes none of them, and to leave such a trial out would leave out the worst ones.
+    """
+    return row["ticks"] is not None and 1e-3 * row["ticks"] >= row["nominal_impact_time_s"] + AFTER_S
+
+
+def every(row: Row) -> bool:
+    """Count each trial."""
+    return True
+
+
+def succeeded(row: Row) -> bool:
+    """Count successful trials, as the paper does for the lift."""
+    return row["success"]
+
+
+def _gather(into: list[float], row: Row, value: str | Value) -> None:
+    number = row[value] if isinstance(value, str) else value(row)
+    if number is not None:
+        into.append(float(number))
 
 
 def place_of(row: Row) -> tuple[float, ...]:
@@ -130,7 +180,7 @@ def _lift(rows: list[Row], controller: Controller) -> Interval | None:
             heights[row["reference"], place_of(row)].append(row["max_lift_mm"])
     groups: dict[object, list[float]] = defaultdict(list)
     for row in rows:
-        key = row["reference"], place_of(row)
         if row["success"] and row["controller"] == controller and row["max_lift_mm"] is not None:
-            groups[key].append(row["max_lift_mm"] - sum(heights[key]) / len(heights[key]))
-    return stratified_mean(groups)
+            same = heights[row["reference"], place_of(row)]
+            groups[row["reference"]].append(row["max_lift_mm"] - sum(same) / len(same))
+    return plain_mean(sum(group) / len(group) for group in groups.values())

@@ -1,14 +1,16 @@
 """The comparison of controllers as a kind of experiment: references are recorded, trials run and logged, compared."""
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.experiment import CellRun, Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.registry import plan_file
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
-from rtstack.papers.reference_spreading.plan import Plan, load_plan
-from rtstack.papers.reference_spreading.trial import Trial
+from rtstack.papers.reference_spreading.comparison_plan import PATTERN, Comparison
+from rtstack.papers.reference_spreading.plan import Plan, Trial, load_plan
 from rtstack.trials.errors import TrialError
 
 
@@ -17,7 +19,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
     reference-spreading paper, and any plan of this form.
     """
 
-    options = frozenset({"logs", "cell_file", "profile"})
+    options = frozenset({"cell", "logs", "cell_file", "profile"})
 
     def __init__(self, specification: Plan, request: Request) -> None:
         from rtstack.cells import load_description
@@ -30,18 +32,26 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
         if request.profile is not None:
             specification = specification.under(request.profile)
-        description, cell_file = load_description(request.cell_file)
+        lab_file = request.cell_file
+        if lab_file is None and specification.cell_file is not None:
+            lab_file = (request.file.path.parent / specification.cell_file).resolve()
+        description, cell_file = load_description(lab_file)
         for thing in dict.fromkeys(reference.object for reference in specification.references()):
             check_object(thing, description)
-            if other := plant_difference(request.cell_file, thing):
+            if other := plant_difference(lab_file, thing):
                 print(f"rtstack: warning: {other}", file=sys.stderr)
-        sources = [request.file.path, cell_file, *plant_files(specification.conditions.values())]
+        sources = [cell_file, *plant_files(specification.conditions.values())]
         super().__init__(specification, request, columns_of(Trial, TrialResult, Measures), sources)
         self._bench = Bench(
-            request.out, cell_file, specification.criterion, self.digest, request.logs, request.cell_file
+            request.out, request.simulated_cell, cell_file, specification.criterion, self.digest, request.logs, lab_file
         )
         self._bench.archive.check()
         self._unrecorded: dict[str, str] = {}  # name of a reference -> why there is none
+
+    @classmethod
+    def composed(cls, values: Mapping[str, Any]) -> str:
+        """Return a plan with the conditions of the paper's; values: the fields of Comparison."""
+        return Comparison(**values).text(plan_file(PATTERN).path)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Plan:
@@ -56,9 +66,8 @@ class ControllerComparison(Experiment[Plan, Trial]):
         from rtstack.papers.demonstrations import recording_stages
 
         plan = self.specification
-        conditions = next(iter(plan.conditions.values()))
         references = plan.references()
-        self._unrecorded = yield from recording_stages(self._bench, references, conditions, plan.seed)
+        self._unrecorded = yield from recording_stages(self._bench, references, plan.conditions_of, plan.seed)
         if len(self._unrecorded) == len(references):
             name, reason = next(iter(self._unrecorded.items()))
             raise TrialError(f"the reference {name} could not be recorded: {reason}")
@@ -75,7 +84,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
     def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
         """Take the rows of trials from their logs, which are the truth."""
-        from rtstack.papers.reference_spreading.adoption import adopted
+        from rtstack.papers.reference_spreading.worker import adopted
 
         return adopted(self._bench, cases, self.columns)
 
@@ -86,9 +95,15 @@ class ControllerComparison(Experiment[Plan, Trial]):
         conditions = self.specification.conditions
         return [Task(each.id, run, (self._bench, each, conditions[each.conditions]), (each,)) for each in cases]
 
+    def on_cell(self, case: Trial) -> CellRun:
+        """See Experiment."""
+        from rtstack.papers.reference_spreading.worker import on_arms
+
+        return on_arms(self._bench, case, self.specification.conditions[case.conditions])
+
     def tidy(self) -> None:
         """Remove the halves of logs that workers left which were killed."""
-        from hal.files import PARTIAL
+        from hal.base.files import PARTIAL
         from rtstack.papers.demonstrations import LOGS
 
         for name in self._bench.archive.names(LOGS):

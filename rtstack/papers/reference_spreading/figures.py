@@ -2,24 +2,28 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
+from textwrap import shorten
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from rtstack.control.parameters import ControlParameters
+from rtstack.experiments.claims import Claim, ClaimStatus
 from rtstack.figures.style import BAND_ALPHA, STYLE, mode_bands, new_figure, save
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
 from rtstack.palette import MODE_STYLES
-from rtstack.papers.reference_spreading.controllers import Controller
+from rtstack.papers.reference_spreading.controllers import COLOURS, MARKERS, NAMES, Controller, name_of
 from rtstack.papers.reference_spreading.evaluation import Evaluation
 from rtstack.papers.reference_spreading.measures import Passage, hit_arm, passage
-from rtstack.papers.reference_spreading.names import COLOURS, MARKERS, NAMES, name_of
+from rtstack.papers.reference_spreading.plan import Hands, combination_name
 from rtstack.references.recording import Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import Mode
@@ -194,3 +198,39 @@ def figure11(path: Path, evaluation: Evaluation, controllers: Iterable[Controlle
     axis.set_ylim(bottom=0.0)
     figure.legend(loc="outside lower center", ncols=4, fontsize=8)
     save(figure, path)
+
+
+# Okabe and Ito's colours, with a letter each for those who see none
+_DRAWN = {
+    ClaimStatus.HOLDS: ("#009E73", "H"), ClaimStatus.WITHIN: ("#56B4E9", "h"),
+    ClaimStatus.UNDECIDED: ("#eeeeee", "?"), ClaimStatus.DIFFERS: ("#D55E00", "D"),
+}  # fmt: skip
+
+
+def figure_hands(path: Path, hands: Hands, claims: Mapping[str, Sequence[Claim]]) -> None:
+    """Draw a map for each claim: depth x time of the hand, a panel for each law and pad."""
+    keys = list(dict.fromkeys((claim.where, claim.says) for each in claims.values() for claim in each))
+    panels = list(product(hands.law_inertia, hands.pad_stiffness))
+    figure = Figure(figsize=(2.2 * len(panels) + 3.0, 1.5 * len(keys) + 1.0), layout="constrained")
+    grid = figure.subplots(len(keys), len(panels), sharex=True, sharey=True, squeeze=False)
+    for row, key in zip(grid, keys, strict=True):
+        for axis, (law, pad) in zip(row, panels, strict=True):
+            for (i, depth), (j, stop) in product(enumerate(hands.depth_m), enumerate(hands.stop_s)):
+                of_hand = claims.get(combination_name(law, pad, depth, stop), ())
+                found = {(claim.where, claim.says): claim.verdict for claim in of_hand}
+                colour, letter = _DRAWN[found.get(key, ClaimStatus.UNDECIDED)]
+                axis.fill([i, i + 1, i + 1, i], [j, j, j + 1, j + 1], color=colour, linewidth=0.0)
+                axis.text(i + 0.5, j + 0.5, letter, ha="center", va="center", fontsize=8)
+            axis.set_xticks([i + 0.5 for i in range(len(hands.depth_m))], [f"{1e3 * d:g}" for d in hands.depth_m])
+            axis.set_yticks(
+                [j + 0.5 for j in range(len(hands.stop_s))], [f"{1e3 * s:g} ms" if s else "even" for s in hands.stop_s]
+            )
+        row[0].set_ylabel(f"{key[0]}", fontsize=8)
+        row[0].set_title(shorten(key[1], 110, placeholder=" ..."), loc="left", fontsize=7)
+    for axis, (law, pad) in zip(grid[-1], panels, strict=True):
+        axis.set_xlabel(f"depth, mm\n{law}, {1e-3 * pad:g} kN/m", fontsize=8)
+    figure.suptitle(
+        "H holds   h holds, within the intervals   ? cannot be told   D differs;  upwards: time from surface to rest",
+        fontsize=8,
+    )
+    figure.savefig(path, dpi=150, metadata={"Software": None})

@@ -1,7 +1,7 @@
 """What a comparison of controllers consists of: a TOML file, fixed before it is run, and the trials that follow."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,15 +9,78 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, Positive, load_toml
+from hal.base.configuration import STRICT, ConfigurationError, Positive, load_toml
 from rtstack.experiments.experiment import Row
+from rtstack.experiments.registration import PlannedClaim, Registration, check_claims
 from rtstack.experiments.seeds import seed_of
-from rtstack.papers.conditions import Conditions
-from rtstack.papers.reference import Reference
-from rtstack.papers.reference_spreading.names import NAMES
-from rtstack.papers.reference_spreading.trial import Trial, seeded
+from rtstack.papers.conditions import Conditions, Hand, Reference
+from rtstack.papers.reference_spreading.claims import JUDGES
+from rtstack.papers.reference_spreading.controllers import NAMES
+from rtstack.samples import LawInertia
 from rtstack.trials.controllers import ControllerName, controller_factory
 from rtstack.trials.scoring import SuccessCriterion
+
+HANDS = "hands"  # what an experiment names for all of them
+Values = Annotated[tuple[Positive, ...], Field(min_length=1)]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Hands:
+    """Every combination of these, all else as in the conditions `base`. Depth m and time s: see conditions.Hand; of an
+    even stop the time is 0. pad_stiffness N/m.
+    """
+
+    base: str
+    law_inertia: Annotated[tuple[LawInertia, ...], Field(min_length=1)]
+    pad_stiffness: Values
+    depth_m: Values
+    stop_s: Annotated[tuple[Annotated[float, Field(ge=0.0, le=1.0)], ...], Field(min_length=1)]
+
+    def conditions(self, base: Conditions) -> dict[str, Conditions]:
+        """Return the conditions of each combination by name."""
+        return {
+            combination_name(*each): replace(
+                base, law_inertia=each[0], pad_stiffness=each[1], hand=Hand(depth_m=each[2], stop_s=each[3] or None)
+            )
+            for each in product(self.law_inertia, self.pad_stiffness, self.depth_m, self.stop_s)
+        }
+
+
+def combination_name(law: LawInertia, pad_n_m: float, depth_m: float, stop_s: float) -> str:
+    """Return the name of a combination's conditions, a part of a file's name too."""
+    return f"{law}_{1e-3 * pad_n_m:g}kNm_{1e3 * depth_m:g}mm_" + (f"{1e3 * stop_s:g}ms" if stop_s else "even")
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One trial. reference: its name; displacement along the world's y and x, and about z; seed: of plant, noise and
+    placement.
+    """
+
+    experiment: str
+    conditions: str
+    reference: str
+    object: str
+    displacement_mm: float
+    repetition: int
+    controller: str
+    seed: int
+    displacement_x_mm: float = 0.0
+    yaw_deg: float = 0.0
+
+    @property
+    def id(self) -> str:
+        """A name that is a file's name too, and says everything but the seed, which follows from it."""
+        x, yaw = self.displacement_x_mm, self.yaw_deg
+        shift = f"{self.displacement_mm:+g}mm" + f"{x:+g}mmx" * (x != 0.0) + f"{yaw:+g}deg" * (yaw != 0.0)
+        place = f"{self.reference.replace('/', '-')}.{shift}.{self.repetition}"
+        return f"{self.experiment}.{self.conditions}.{place}.{self.controller}"
+
+
+def seeded(y_mm: float, x_mm: float, yaw_deg: float) -> tuple[float, ...]:
+    """Return what of a place a seed depends on: along y alone where there is no more, as it was before there was."""
+    return (y_mm,) if x_mm == yaw_deg == 0.0 else (y_mm, x_mm, yaw_deg)
+
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 
@@ -32,19 +95,23 @@ class Selection:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Sample:
-    """What --quick takes of an experiment: so many of its references, and these displacements and repetitions."""
+    """What --quick takes of an experiment: so many of its references and conditions, these displacements and
+    repetitions.
+    """
 
     references: Annotated[int, Field(ge=0)]
     displacements_mm: tuple[float, ...]
     repetitions: Count
     selected: Annotated[int, Field(ge=0)] = 0
+    conditions: Count = 1
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Experiment:
     """References x displacements x repetitions x controllers, under each of the named conditions.
 
-    Displacements along the world's y, and each of them with each along x and each turn about z.
+    Displacements along the world's y, and each of them with each along x and each turn about z. controllers: by default
+    those of the plan. conditions: of the plan; a reference is recorded under each of them.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -56,6 +123,7 @@ class Experiment:
     conditions: tuple[str, ...] = ("nominal",)
     displacements_x_mm: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
     yaws_deg: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
+    controllers: Annotated[tuple[ControllerName, ...], Field(min_length=1)] | None = None
 
     @property
     def places(self) -> list[tuple[float, float, float]]:
@@ -74,7 +142,11 @@ class Success:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Plan:
-    """A campaign as its file has it."""
+    """A campaign as its file has it. claims: about the first conditions, and about each of the others beside them.
+
+    hands: conditions of their own for each combination, in whose place an experiment names `hands`. cell_file: beside
+    the plan's file, where the cell is not the default one; `--cell-file` comes before it.
+    """
 
     name: str
     title: str
@@ -85,6 +157,10 @@ class Plan:
     experiments: tuple[Experiment, ...]
     quick: bool = False
     kind: Literal["reference-spreading"] = "reference-spreading"
+    hands: Hands | None = None
+    cell_file: str | None = None
+    claims: tuple[PlannedClaim, ...] = ()
+    registration: Registration | None = None
 
     @property
     def criterion(self) -> SuccessCriterion:
@@ -103,12 +179,24 @@ class Plan:
     def _count(self, experiment: Experiment) -> int:
         references = len(experiment.references) + (experiment.selected.count if experiment.selected else 0)
         repetitions = experiment.repetitions * len(experiment.places) * len(experiment.conditions)
-        return references * repetitions * len(self.controllers)
+        return references * repetitions * len(self.controllers_of(experiment))
+
+    def controllers_of(self, experiment: Experiment) -> tuple[str, ...]:
+        """Return the names of the controllers that an experiment compares."""
+        return experiment.controllers or self.controllers
+
+    def recorded(self, reference: Reference, conditions: str) -> Reference:
+        """Return the reference as it is recorded under these conditions: those of the first ones have no mark."""
+        return replace(reference, conditions="" if conditions == next(iter(self.conditions)) else conditions)
+
+    def conditions_of(self, reference: Reference) -> Conditions:
+        """Return the conditions under which a reference is recorded."""
+        return self.conditions[reference.conditions or next(iter(self.conditions))]
 
     def references(self) -> tuple[Reference, ...]:
         """Return every reference that has to be recorded, in the order of the file."""
         wanted = [
-            replace(Reference.named(name), speed_m_s=self.conditions[conditions].speed_m_s)
+            self.recorded(Reference.named(name), conditions)
             for experiment in self.experiments
             for conditions in experiment.conditions
             for name in experiment.references
@@ -125,7 +213,7 @@ class Plan:
             Trial(
                 experiment=experiment.name,
                 conditions=conditions,
-                reference=replace(reference, speed_m_s=self.conditions[conditions].speed_m_s).name,
+                reference=self.recorded(reference, conditions).name,
                 object=reference.object,
                 displacement_mm=y_mm,
                 displacement_x_mm=x_mm,
@@ -138,7 +226,7 @@ class Plan:
             for reference in references
             for y_mm, x_mm, yaw_deg in experiment.places
             for repetition in range(experiment.repetitions)
-            for controller in self.controllers
+            for controller in self.controllers_of(experiment)
         ]
 
     def cases(self, rows: Sequence[Row], unrecorded: Collection[str] = ()) -> list[Trial]:
@@ -165,7 +253,7 @@ class Plan:
             for each in self.experiments
             if each.name == selection.experiment
             for trial in self.trials(each)
-            if trial.reference not in unrecorded
+            if trial.reference not in unrecorded and trial.conditions in experiment.conditions
         }
         kept = [row for row in rows if row["id"] in before]
         if len(kept) < len(before):
@@ -188,6 +276,7 @@ class Plan:
                     displacements_mm=sample.displacements_mm,
                     repetitions=sample.repetitions,
                     selected=replace(selected, count=sample.selected) if selected and sample.selected else None,
+                    conditions=experiment.conditions[: sample.conditions],
                 )
             )
         return replace(self, experiments=tuple(experiments), quick=True)
@@ -196,7 +285,10 @@ class Plan:
 def load_plan(path: Path, quick: bool = False) -> Plan:
     """Read and check a plan. Raises ConfigurationError, or TrialError for a controller that cannot be loaded."""
     plan = load_toml(path, Plan)
-    for controller in plan.controllers:
+    check_claims(path, plan.claims, JUDGES)
+    if plan.hands is not None:
+        plan = with_hands(path, plan, plan.hands)
+    for controller in {*plan.controllers, *(name for each in plan.experiments for name in each.controllers or ())}:
         controller_factory(controller)
     names = [experiment.name for experiment in plan.experiments]
     for index, experiment in enumerate(plan.experiments):
@@ -210,6 +302,17 @@ def load_plan(path: Path, quick: bool = False) -> Plan:
     if quick and not any(experiment.quick for experiment in plan.experiments):
         raise ConfigurationError(f"{path}: no experiment has a quick sample: run it without --quick")
     return plan.as_sample() if quick else plan
+
+
+def with_hands(path: Path, plan: Plan, hands: Hands) -> Plan:
+    """Return the plan with conditions for each hand. Raises ConfigurationError where there are none to begin from."""
+    if hands.base not in plan.conditions:
+        raise ConfigurationError(f"{path}: key hands.base: no conditions are named {hands.base}")
+    made = hands.conditions(plan.conditions[hands.base])
+    experiments = tuple(
+        replace(each, conditions=tuple(made)) if each.conditions == (HANDS,) else each for each in plan.experiments
+    )
+    return replace(plan, conditions=plan.conditions | made, experiments=experiments)
 
 
 def select(rows: Sequence[Row], count: int) -> list[Reference]:

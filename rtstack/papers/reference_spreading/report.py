@@ -2,28 +2,27 @@
 experiments.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.experiments.archive import Archive
-from rtstack.experiments.claims import shown
+from rtstack.experiments.claims import Claim, shown
 from rtstack.experiments.experiment import Results, Row
 from rtstack.experiments.generic import mean_figure, mean_table
 from rtstack.experiments.page import PAGE
 from rtstack.experiments.report import Figure, Report, Section, Table
+from rtstack.experiments.statistics import Interval
 from rtstack.model.cell_description import CellDescription
+from rtstack.papers.conditions import Reference
 from rtstack.papers.demonstrations import RECORDINGS, Bench
-from rtstack.papers.reference import Reference
 from rtstack.papers.reference_spreading.beyond import COMPARED, judge_beyond, summary
 from rtstack.papers.reference_spreading.claims import judge_claims
-from rtstack.papers.reference_spreading.evaluation import FIGURE11, PAPER_TABLE2, TABLE2, Evaluation
-from rtstack.papers.reference_spreading.figures import figure5, figure8, figure10, figure11, logged_trial
-from rtstack.papers.reference_spreading.names import NAMES, millimetres, name_of
-from rtstack.papers.reference_spreading.numbers import numbers
+from rtstack.papers.reference_spreading.controllers import NAMES, millimetres, name_of
+from rtstack.papers.reference_spreading.evaluation import FIGURE11, PAPER_TABLE2, TABLE2, Evaluation, every
+from rtstack.papers.reference_spreading.figures import figure5, figure8, figure10, figure11, figure_hands, logged_trial
 from rtstack.papers.reference_spreading.plan import Plan
-from rtstack.papers.reference_spreading.sensitivity import figure_sensitivity, outcomes
 from rtstack.references.recording import load_recording
 from rtstack.references.spreading import extend
 from rtstack.trials.assembly import arm_controllers, cell_parameters
@@ -44,6 +43,10 @@ SIDE_BY_SIDE = (
     ("highest torque over its limit", "peak_torque_ratio", " %", 0, 100.0),
 )
 
+LIMITS = {
+    "limited_ticks": "position, velocity or torque, in the QP",
+    "rate_limited_ticks": "rate of the torque, after it",
+}
 MOST_DRAWN = 50  # trials in a figure
 
 
@@ -51,20 +54,19 @@ def report(plan: Plan, bench: Bench, results: Results, unrecorded: Mapping[str, 
     """Return the report of a campaign. unrecorded: references without a recording, and why there is none."""
     rows = results.rows
     evaluations = [Evaluation(rows, name) for name in plan.conditions if any(row["conditions"] == name for row in rows)]
-    parts = [_part(rows, evaluation, plan) for evaluation in evaluations]
+    claims = {each.conditions: judge_claims(plan.claims, each) for each in evaluations}
+    parts = [_part(rows, evaluation, plan, claims[evaluation.conditions]) for evaluation in evaluations]
     several = len(evaluations) > 1
     figures = [] if results.preliminary else _single_trials(rows, bench.archive, bench.description)
-    if several:
-        caption = "Success, lift against the mean of the same reference and displacement, and mean force norm of the "
-        caption += "successful grabs, under each set of conditions; error bars: 95 % intervals."
-        figures.insert(0, Figure("sensitivity.png", caption, lambda path: figure_sensitivity(path, evaluations)))
+    if plan.hands is not None:
+        hands, caption = plan.hands, "Which claim holds with which hand, law and pad stiffness."
+        figures.insert(0, Figure("hands.png", caption, lambda path: figure_hands(path, hands, claims)))
     chosen = [one.name for each in plan.experiments for one in plan.chosen(each, rows, unrecorded)]
     return Report(
         parts, figures, page=(PACKAGE, PAGE),
         values={
             "headings": ["success", "lift difference", *(heading for heading, *_ in SIDE_BY_SIDE)],
             "overview": _overview(evaluations) if several else [],
-            "outcomes": outcomes(evaluations) if several else [],
             "conditions": {name: _words(asdict(plan.conditions[name])) for name in plan.conditions},
             "references": [reference.name for reference in plan.references()], "chosen": chosen,
             "unrecorded": unrecorded,
@@ -73,11 +75,11 @@ def report(plan: Plan, bench: Bench, results: Results, unrecorded: Mapping[str, 
             "summary": summary,
         },
         warnings=[f"{name} could not be recorded, its trials are left out: {why}" for name, why in unrecorded.items()],
-        reached=not unrecorded,
+        reached=not unrecorded or plan.hands is not None,  # that a hand hits too hard is what the map is for
     )  # fmt: skip
 
 
-def _part(rows: list[Row], evaluation: Evaluation, plan: Plan) -> Section:
+def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[Claim]) -> Section:
     name = evaluation.conditions
     both = Evaluation(rows, name, COMPARED)
     every = Evaluation(rows, name, plan.controllers)
@@ -87,6 +89,7 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan) -> Section:
     if failures := every.failures():
         counts = [[why, *(str(by.get(c, 0)) for c in plan.controllers)] for why, by in failures.items()]
         tables.append(Table("Failures", ("reason", *map(name_of, plan.controllers)), counts))
+    tables.append(_limits_table(evaluation))
     if evaluation.of(FIGURE11):
         tables.append(_figure11_table(evaluation))
         caption = (
@@ -109,7 +112,13 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan) -> Section:
                             "mean desired force norm, 200 ms around $T_r$")
             )  # fmt: skip
     about = _words(asdict(plan.conditions[name]))
-    return Section(name, judge_claims(evaluation), tables, figures, numbers(evaluation), about)
+    return Section(name, claims, tables, figures, numbers(evaluation), about)
+
+
+def _limits_table(evaluation: Evaluation) -> Table:
+    """Where limits acted that the paper has in another form, or has not: the departures of (12) to (14)."""
+    lines = [[NAMES[c], *(shown(evaluation.mean(c, name, counted=every)) for name in LIMITS)] for c in NAMES]
+    return Table("Ticks of a trial in which a limit acted that is not the paper's", ("", *LIMITS.values()), lines)
 
 
 def _figure11_table(evaluation: Evaluation) -> Table:
@@ -141,9 +150,13 @@ def _table2(evaluation: Evaluation) -> Table:
     lines = []
     for line in evaluation.table2():
         success, lift = PAPER_TABLE2[line.controller]
-        ours = shown(line.success, " %", 0, 100.0), shown(line.lift_mm, " mm", 2)
-        lines.append([NAMES[line.controller], f"{success:.0f} %", ours[0], f"{lift:+.2f} mm", ours[1]])
-    headings = ("", "successful, paper", "here", "lift difference, paper", "here")
+        ours = (
+            shown(line.success, " %", 0, 100.0),
+            shown(line.lift_mm, " mm", 2),
+            shown(line.repeated_lift_mm, " mm", 2),
+        )
+        lines.append([NAMES[line.controller], f"{success:.0f} %", ours[0], f"{lift:+.2f} mm", *ours[1:]])
+    headings = ("", "successful, paper", "here", "lift difference, paper", "here", "here, of Figure 11's rice boxes")
     return Table("Table II: successful grabs and lift", headings, lines)
 
 
@@ -198,4 +211,54 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
 
 def _words(values: Mapping[str, Any]) -> str:
     known = {name: value for name, value in values.items() if value is not None}
-    return ", ".join(f"{name} {value if isinstance(value, str) else f'{value:g}'}" for name, value in known.items())
+    return ", ".join(f"{name} {_word(value)}" for name, value in known.items())
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"({_words(value)})"
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+FORCES = ("average_force_norm", "average_force_norm_linear_n")
+# the columns of results.csv whose means are behind the claims
+COLUMNS = (
+    *FORCES, "peak_torque_ratio", "detection_delay_ms", "delay_peak", "delay_peak_velocity_share", "peak_in_window",
+    "largest_step", "largest_step_ms", "step_to_interim", "step_to_post", "settled_ms", "swing_m_s",
+    "swing_other_m_s", "largest_step_other",
+    "posture_peak", "slip_mm", "lost_ms", "limited_ticks", "rate_limited_ticks",
+)  # fmt: skip
+
+
+def numbers(evaluation: Evaluation) -> dict[str, Any]:
+    """Return the figures behind the claims under one set of conditions.
+
+    A figure is a mean with its 95 % interval and n, SI units or as its column says; null where there is none.
+    """
+    table2 = evaluation.table2() if evaluation.of(TABLE2) else []
+    return {
+        "table2": [
+            {
+                "controller": str(line.controller),
+                "success": _figure(line.success),
+                "lift_mm": _figure(line.lift_mm),
+                "repeated_lift_mm": _figure(line.repeated_lift_mm),
+            }
+            for line in table2
+        ],
+        "figure11": [
+            {"controller": str(controller), "displacement_mm": d}
+            | {name: _figure(evaluation.mean_force(controller, d, name)) for name in FORCES}
+            for d in evaluation.displacements()
+            for controller in NAMES
+        ],
+        "means": [
+            {"controller": str(controller), "column": name, "mean": _figure(evaluation.mean(controller, name))}
+            for controller in NAMES
+            for name in COLUMNS
+        ],
+    }  # fmt: skip
+
+
+def _figure(interval: Interval | None) -> dict[str, float | None] | None:
+    return None if interval is None else asdict(interval)

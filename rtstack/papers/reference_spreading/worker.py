@@ -1,68 +1,120 @@
 """What a worker does: run a trial and write its log. One row of plain values comes back.
 
-Everything that trials share (cell, references, what is compiled) is kept from one to the next.
+Everything that trials share (cell, references, what is compiled) is kept from one to the next. Where the program was
+killed between log and row, the row is made of the log alone.
 """
 
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from rtstack.cells import with_profile
-from rtstack.experiments.experiment import Row
-from rtstack.log.frames import CellFrames
+from rtstack.experiments.experiment import CellRun, Row
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
 from rtstack.papers.conditions import Conditions
-from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, Bench, Reference, common_attachments
+from rtstack.papers.demonstrations import (
+    LOGS,
+    RECORDINGS,
+    Bench,
+    Reference,
+    campaign_record,
+    common_attachments,
+)
 from rtstack.papers.reference_spreading.measures import Measures, measure
-from rtstack.papers.reference_spreading.trial import Trial
-from rtstack.trials.record import frames, trial_metadata
-from rtstack.trials.result import TrialResult
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
-from rtstack.trials.whole_run_log import WholeRunLog
+from rtstack.papers.reference_spreading.plan import Trial
+from rtstack.papers.simulated_cell import WorkerHost
+from rtstack.samples import LawInertia
+from rtstack.trials.carry_out import carry_out
+from rtstack.trials.record import whole_run_log
+from rtstack.trials.review import log_columns
+from rtstack.trials.specification import TrialSpecification, like
+from rtstack.trials.trial import PreparedTrial, prepare_trial
 
 
 @lru_cache(maxsize=32)
-def _prepared(bench: Bench, reference: Reference) -> PreparedTrial:
+def _prepared(bench: Bench, reference: Reference, law: LawInertia | None) -> PreparedTrial:
     path = bench.archive.file(f"{RECORDINGS}/{reference.file}")
-    return prepare_trial(TrialSpecification(str(path), object=reference.object), bench.description)
+    return prepare_trial(TrialSpecification(str(path), object=reference.object, law_inertia=law), bench.description)
 
 
-@lru_cache(maxsize=32)
-def _frames(bench: Bench, object_name: str) -> CellFrames:
-    return frames(bench.description, object_name)
+def _of_trial(bench: Bench, trial: Trial, conditions: Conditions) -> tuple[PreparedTrial, TrialSpecification]:
+    reference = Reference.named(trial.reference)
+    prepared, recording = _prepared(bench, reference, conditions.law_inertia), Path(RECORDINGS) / reference.file
+    return prepared, like(TrialSpecification, trial, reference=str(recording), law_inertia=conditions.law_inertia)
+
+
+def on_arms(bench: Bench, trial: Trial, conditions: Conditions) -> CellRun:
+    """Return a trial as a run on a cell's arms. Of the conditions, the law's inertia is the controller's."""
+    prepared, specification = _of_trial(bench, trial, conditions)
+    specification = replace(specification, reference=str(bench.out / specification.reference))
+    return CellRun(
+        replace(prepared, specification=specification, criterion=bench.criterion),
+        bench.out / LOGS / f"{trial.id}.mcap", campaign_record(trial, bench.digest), specification.displacement,
+    )  # fmt: skip
 
 
 def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
     """Run a trial and write its log. Returns the row of the results' table."""
-    reference = Reference.named(trial.reference)
-    prepared = _prepared(bench, reference)
-    recording = Path(RECORDINGS) / reference.file
-    specification = TrialSpecification(
-        str(recording), trial.controller, trial.object, trial.displacement_mm, trial.seed,
-        displacement_x_mm=trial.displacement_x_mm, yaw_deg=trial.yaw_deg,
-    )  # fmt: skip
-    prepared = replace(prepared, specification=specification)
-    campaign = {key: str(value) for key, value in asdict(trial).items()}
-    campaign |= {"id": trial.id, "digest": bench.digest}
-    kind = with_profile(CELL, conditions.profile)
-    metadata = {"trial": trial_metadata(specification, kind, prepared.reference), "campaign": campaign}
+    prepared, specification = _of_trial(bench, trial, conditions)
+    prepared = replace(prepared, specification=specification, criterion=bench.criterion)
+    kind = with_profile(bench.cell, conditions.profile)
+    law = prepared.parameters.inertia.law_inertia
     with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:
-        log = WholeRunLog(path, metadata, common_attachments(bench.cell_file), _frames(bench, trial.object))
-        cell = bench.open_cell(trial.object, trial.displacement, trial.seed, conditions)
-        try:
-            result = run_trial(prepared, cell, RunContext(log), criterion=bench.criterion)
-        finally:
-            cell.close()
+        log = whole_run_log(
+            path, specification, bench.description, common_attachments(bench.cell_file), kind,
+            reference=prepared.reference, law_inertia=law, campaign=campaign_record(trial, bench.digest),
+        )  # fmt: skip
+        built = bench.built_cell(trial.object, specification.displacement, trial.seed, conditions)
+        result = carry_out(prepared, WorkerHost(built, bench.cell, log))
         if log.columns is None or not path.exists():
             raise OSError(result.failure_reason)
     measures = measure(
         log.columns, prepared.description, trial.object, trial.displacement_mm,
         result.nominal_impact_time_s, result.detected_impact_time_s,
     )  # fmt: skip
-    return [_row(trial, result, measures)]
+    return [_row(trial, result.as_dict(), measures)]
 
 
-def _row(trial: Trial, result: TrialResult, measures: Measures) -> Row:
-    values = {**asdict(trial), **result.as_dict(), **asdict(measures)}
+def _row(trial: Trial, result: Mapping[str, Any], measures: Measures) -> Row:
+    values = {**asdict(trial), **result, **asdict(measures)}
     return values | {"id": trial.id, "controller": str(trial.controller), "log": f"{LOGS}/{trial.id}.mcap"}
+
+
+def adopted(bench: Bench, trials: Iterable[Trial], columns: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the rows of the trials that have a complete log of this campaign."""
+    logs = bench.archive.names(LOGS)
+    for trial in trials:
+        name = f"{trial.id}.mcap"
+        if name in logs and (row := _row_of_log(bench, bench.archive.file(f"{LOGS}/{name}"), trial, columns)):
+            yield row
+
+
+def _row_of_log(bench: Bench, path: Path, trial: Trial, columns: Mapping[str, Any]) -> Row | None:
+    try:
+        log = read_log(path)
+    except LogError:
+        return None
+    about, metadata, recorded = (log.metadata.get(name, {}) for name in ("campaign", "trial", "result"))
+    if about.get("id") != trial.id or about.get("digest") != bench.digest or not recorded:
+        return None
+    result = {name: _value(text, columns[name]) for name, text in recorded.items() if name in columns}
+    measures = measure(
+        log_columns(log), bench.description, trial.object, trial.displacement_mm,
+        result["nominal_impact_time_s"], result["detected_impact_time_s"],
+    )  # fmt: skip
+    origin = {"git_commit": metadata.get("git_commit", "unknown"), "digest": bench.digest}
+    return _row(trial, result, measures) | origin | {"wall_s": None, "worker": None}
+
+
+def _value(text: str, kind: Any) -> Any:
+    """Return a value of a log's record, where all are texts, as the column of the results has it."""
+    if kind is str:
+        return text
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text  # a reason in words

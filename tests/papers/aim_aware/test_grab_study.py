@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.base.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, load_judged
 from rtstack.papers.aim_aware.grab.report import report, summarise
-from rtstack.papers.aim_aware.grab.worker import Finding
+from rtstack.papers.aim_aware.grab.worker import GrabOutcome
 from rtstack.trials.monitoring import tuning_of
 from rtstack.trials.unexpected import Unexpected
 
 FILE = plan_file("aim-aware-grab").path
-FINDING = Finding(
+FINDING = GrabOutcome(
     id="good-0000", fault=None, reference="rice_box/11", displacement_mm=3.0, seed=1, verdict="expected", reason=None,
     kind=None, margin=0.5, verdict_s=1.9, onset_s=1.4, nominal_s=1.4, success=True, failure_reason=None, ticks=5000,
 )  # fmt: skip
@@ -59,7 +59,7 @@ def test_no_tuning_has_seen_what_it_is_judged_by(name) -> None:
 def test_a_set_is_of_one_object(tmp_path) -> None:
     path = tmp_path / "judged.toml"
     path.write_text(FILE.read_text().replace('"parcel/32"', '"bottles/32"'))
-    with pytest.raises(ConfigurationError, match=r"sets\.1\.references: a set is of one object"):
+    with pytest.raises(ConfigurationError, match=r"sets\.1\.references: a set must have one object"):
         load_judged(path)
 
 
@@ -87,10 +87,14 @@ def test_a_verdict_counts_where_it_is_right() -> None:
 def test_the_report_has_a_part_for_each_object() -> None:
     parcel = replace(FINDING, id="parcel", reference="parcel/3", verdict="unexpected", reason="load", kind="too heavy")
     tunings = {"rice_box": {"object": "rice_box"}, "parcel": {"seeds": [1], "runs": 7}}
-    made = report(tunings, Results([asdict(FINDING), asdict(parcel)], Path()))
+    rows = [asdict(FINDING), *(asdict(replace(parcel, id=str(n))) for n in range(2))]
+    made = report(tunings, Results(rows, Path()), load_judged(FILE).claims)
     assert [part.name for part in made.parts] == ["rice_box", "parcel"]
     assert [part.numbers["false_alarms"]["share"] for part in made.parts] == [0.0, 1.0]
     assert [claim.verdict for claim in made.parts[1].claims] == [ClaimStatus.UNDECIDED, ClaimStatus.DIFFERS]
+    assert [claim.verdict for claim in made.parts[0].claims] == [ClaimStatus.UNDECIDED] * 2  # one trial tells nothing
+    assert {claim.says for part in made.parts for claim in part.claims} == {""}  # the paper has no such experiment
+    assert made.parts[0].claims[0].mark == "at least 99 % of the faults are found"
     assert made.parts[1].numbers["wrong"][0]["kind"] == "too heavy"
     assert not made.reached
     assert "false alarms: 100.0 %" in made.summary

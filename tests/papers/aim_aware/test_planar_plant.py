@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import root_scalar
 
 from rtstack.papers.aim_aware.planar.dynamics import coriolis, inertia, tip
-from rtstack.papers.aim_aware.planar.impact import InfeasibleImpact, simultaneous_impact
 from rtstack.papers.aim_aware.planar.parameters import Contact, PlanarArm
-from rtstack.papers.aim_aware.planar.plan import joints_at, model_at, plan_impact
+from rtstack.papers.aim_aware.planar.plan import InfeasibleImpact, joints_at, model_at, plan_impact, simultaneous_impact
 from rtstack.papers.aim_aware.planar.plant import advance, derivative
 
 ARM = PlanarArm(

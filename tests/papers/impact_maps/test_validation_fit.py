@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rtstack.papers.impact_maps.evaluation import FitError, zero_feedback
 from rtstack.papers.impact_maps.feedback import FeedbackSignal, integral
-from rtstack.papers.impact_maps.fit import FitError, zero_feedback
 
 SCALES = np.array([0.8, 0.9, 1.0, 1.1, 1.2])
 speeds, slopes = st.floats(0.1, 1.0), st.floats(0.2, 3.0)

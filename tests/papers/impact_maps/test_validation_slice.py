@@ -20,8 +20,9 @@ from rtstack.papers.demonstrations import RECORDINGS
 from rtstack.papers.impact_maps.evaluation import tables
 from rtstack.papers.impact_maps.experiment import Validation
 from rtstack.papers.impact_maps.plan import DIRECTIONS, JointFriction, load_validation_plan
+from rtstack.papers.impact_maps.prediction import MapKind
 from rtstack.papers.impact_maps.reference import plan_reference
-from rtstack.papers.impact_maps.worker import SWEEPS
+from rtstack.papers.impact_maps.worker import SWEEPS, friction_file
 from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml
@@ -32,11 +33,7 @@ from tests.support.dask_worker import dask_worker
 def ran(plan, file, out):
     """Run a campaign with one worker in this process; give it and its results."""
     validation = Validation(plan, Request(file, out))
-    with (
-        dask_worker() as client,
-        Store(out, validation.columns) as store,
-        campaign_progress(out) as progress,
-    ):
+    with dask_worker() as client, Store(out, validation.columns) as store, campaign_progress(out) as progress:
         store.claim(validation)
         Runner(validation, store, client, progress).run()
         yield validation, store
@@ -56,7 +53,7 @@ def test_a_slice_ends_in_an_estimate_near_the_prediction(cell, tmp_path):
     nominal = replace(whole.conditions["nominal"], joint_friction=JointFriction.PUBLISHED)
     push = whole.scenario(Motion.HIT_AND_PUSH)
     plan = replace(
-        whole, robot=101, objects=("box_130",), scales=(0.9, 1.1), repetitions=1, conditions={"nominal": nominal},
+        whole, robots=(101,), objects=("box_130",), scales=(0.9, 1.1), repetitions=1, conditions={"nominal": nominal},
         scenarios=(replace(push, cases={"1": push.cases["1"]}),),
     )  # fmt: skip
     with ran(plan, file, tmp_path) as (validation, store):
@@ -67,10 +64,10 @@ def test_a_slice_ends_in_an_estimate_near_the_prediction(cell, tmp_path):
         slow, fast = store.rows(plan.trials())
         # too slow a reference has to be held back, too fast a one driven on
         assert slow["net_feedback_m_s"] < 0.0 < fast["net_feedback_m_s"]
-        assert fast["planned_m_s"] == pytest.approx(1.1 * fast["predicted_B_theta_m_s"], rel=1e-6)
-        assert slow["predicted_none_m_s"] < slow["predicted_B_theta_m_s"] < slow["predicted_B_m_s"]
+        assert fast["planned_m_s"] == pytest.approx(1.1 * fast["converged_B_theta_m_s"], rel=1e-6)
+        assert slow["single_step_none_m_s"] < slow["single_step_B_theta_m_s"] < slow["single_step_B_m_s"]
         (table,) = tables([slow, fast])
-        assert abs(table.errors(ReflectedInertia.B_THETA)[0]) < 10.0
+        assert abs(table.errors((MapKind.SINGLE_STEP, ReflectedInertia.B_THETA), 101)[0]) < 10.0
         page = page_of(validation, store)
     assert "self-consistency check" in page
     assert (tmp_path / "figures" / "figure6.png").exists()
@@ -85,15 +82,15 @@ def test_a_refused_plan_is_reported_and_does_not_end_the_campaign(cell, tmp_path
     push = whole.scenario(Motion.HIT_AND_PUSH)
     cases = {"1": {"speed": 0.5, "travel": 0.01}, "2": {"speed": 0.5}}  # the first has no room to slow down
     plan = replace(
-        whole, robot=101, objects=("box_060",), scales=(1.0,), repetitions=1,
+        whole, robots=(101,), objects=("box_060",), scales=(1.0,), repetitions=1,
         conditions={"nominal": whole.conditions["nominal"]},
         scenarios=(replace(push, cases=cases),), identification_runs=1,
     )  # fmt: skip
     published = FrictionParameters()
     names = ("p1", "p2", "p3", "gravity_share")
     identified = ArmFriction(**{name: tuple(getattr(published, name)) for name in names}, rms_nm=(0.0,) * 7)
-    friction = FrictionFile(cell.name, plan.robot, 1, identified, identified)
-    (tmp_path / "friction.toml").write_text(friction_toml(friction), encoding="utf-8")
+    friction = FrictionFile(cell.name, 101, 1, identified, identified)
+    (tmp_path / friction_file(101)).write_text(friction_toml(friction), encoding="utf-8")
     with ran(plan, file, tmp_path) as (validation, store):
         assert [reference.case_name for reference in validation.refused] == ["1"]
         assert "plan a longer travel" in next(iter(validation.refused.values()))

@@ -9,7 +9,7 @@ from hal.tracker import OBJECT_POSE
 from rtstack.control.parameters import ControlParameters
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import base_frame
-from rtstack.papers.reference_spreading.measures import APART_M, measure
+from rtstack.papers.reference_spreading.measures import measure
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE, Mode
 
 TICKS = 1500
@@ -33,13 +33,13 @@ class Passage:
         change(control)
         return Passage(replace(self.columns, control=control))
 
-    def with_faces(self, cell, move):
-        """move: of the pads' distances from the middle, (2, n) m."""
+    def with_faces(self, cell, move, height=0.0):
+        """move: of the pads' distances from the middle, (2, n) m; height: of both pads, (n,) m."""
         arm = self.columns.arm.copy()
         for k, (mounting, sign) in enumerate(zip((cell.left, cell.right), SIDES, strict=True)):
             frame = base_frame(mounting)
             world = np.zeros((TICKS, 3))
-            world[:, 1] = sign * move[k]
+            world[:, 1], world[:, 2] = sign * move[k], height
             arm[k]["O_T_EE"][:, :3, 3] = (world - frame.translation) @ frame.rotation
         return Passage(replace(self.columns, arm=arm))
 
@@ -129,14 +129,50 @@ def test_a_stop_is_no_peak(grab, cell):
     assert seen.largest_step == pytest.approx(3.0)
 
 
-def test_a_pad_that_leaves_the_box_again_settles_later(grab, cell):
-    assert grab.measured(cell).settled_ms == pytest.approx(SECOND - HIT - 1, abs=2)
-    bounced = distances(cell.objects["rice_box"].size[1] / 2.0)
-    bounced[1, 650:680] += 2 * APART_M
-    assert grab.with_faces(cell, bounced).measured(cell).settled_ms == pytest.approx(679 - HIT)
-    gone = distances(cell.objects["rice_box"].size[1] / 2.0)
-    gone[1, 650:] += 2 * APART_M
-    assert grab.with_faces(cell, gone).measured(cell).settled_ms is None
+def test_settled_is_when_the_object_no_longer_slips(grab, cell):
+    on_box = distances(cell.objects["rice_box"].size[1] / 2.0)
+    rise = 1e-4 * np.clip(np.arange(TICKS) - HIT, 0, 120)  # 12 mm, and the box stays where it is
+    slipped = grab.with_faces(cell, on_box, rise).measured(cell)
+    assert slipped.settled_ms == pytest.approx(109)  # the last millimetre is within what counts as none
+    assert slipped.slip_mm == pytest.approx(12.0)
+    still = grab.with_faces(cell, on_box).measured(cell)
+    assert (still.settled_ms, still.slip_mm) == (0.0, 0.0)
+
+
+def test_a_slip_that_goes_on_has_no_time(grab, cell):
+    rise = 1e-4 * np.maximum(np.arange(TICKS) - HIT, 0)
+    on = grab.with_faces(cell, distances(cell.objects["rice_box"].size[1] / 2.0), rise).measured(cell)
+    assert on.settled_ms is None
+    assert on.slip_mm == pytest.approx(50.0)
+
+
+def test_contact_is_lost_where_a_pad_that_felt_the_box_feels_it_no_more(grab, cell):
+    def felt(left, right):
+        arm = grab.columns.arm.copy()
+        arm["O_F_ext_hat_K"][:, :, 0] = 2.0  # an offset of the estimate
+        for k, (begin, gaps) in enumerate((left, right)):
+            arm[k]["O_F_ext_hat_K"][begin:, 1] = 20.0
+            for from_tick, to_tick in gaps:
+                arm[k]["O_F_ext_hat_K"][from_tick:to_tick, 1] = 3.0
+        return Passage(replace(grab.columns, arm=arm)).measured(cell).lost_ms
+
+    assert felt((SECOND, []), (HIT, [])) == 0.0
+    assert felt((SECOND, []), (HIT, [(520, 540)])) == 0.0  # before the other pad is there
+    assert felt((SECOND, [(600, 630)]), (HIT, [(620, 640)])) == pytest.approx(30.0, rel=0.01)
+    assert felt((TICKS, []), (HIT, [])) is None
+
+
+def test_the_other_robot_and_the_posture_are_measured_too(grab, cell):
+    def jump(control):
+        control[0]["wrench_desired"][DETECTED:, 0] = 3.0
+        control[1]["wrench_desired"][DETECTED:, 1] = 4.0
+        control[0]["beta"][:] = 7.0
+        control[1]["beta"][:] = -2.0
+        control[1]["beta"][1000:] = 50.0  # long after the impact
+
+    seen = grab.with_control(jump).measured(cell)  # at -30 mm the right arm is hit first
+    assert seen.largest_step_other == pytest.approx(3.0)
+    assert seen.posture_peak == pytest.approx(2.0)
 
 
 def test_the_swing_is_of_the_pad_that_was_hit(grab, cell):

@@ -1,4 +1,4 @@
-"""A campaign about a lab's own object, shifted and turned, with the cell's file given by the option of all commands."""
+"""A campaign about a lab's own object, shifted and turned; and the fastest demonstrations that one of ours asks for."""
 
 import csv
 
@@ -6,7 +6,14 @@ import pytest
 
 from rtstack.cells import default_cell_file
 from rtstack.cli.campaign import campaign
+from rtstack.experiments.experiment import Request
+from rtstack.experiments.registry import plan_file
+from rtstack.experiments.seeds import seed_of
 from rtstack.log.reader import read_log
+from rtstack.papers.conditions import Reference
+from rtstack.papers.demonstrations import RECORDINGS, Bench, record
+from rtstack.papers.reference_spreading.experiment import ControllerComparison
+from rtstack.papers.reference_spreading.plan import load_plan
 from rtstack.trials.errors import TrialError
 
 CRATE = """
@@ -56,3 +63,33 @@ def test_an_object_that_the_cell_lacks_and_a_study_of_its_own_cell_are_refused(f
     with pytest.raises(TrialError, match="--cell-file: aim-aware-grab takes none"):
         campaign("aim-aware-grab", tmp_path / "out", False, 1, None, False, cell_file=cell)
     assert not (tmp_path / "out").exists()
+
+
+def test_what_the_sensitivity_campaign_asks_for_is_recorded(tmp_path):
+    plan = load_plan(plan_file("reference-spreading-sensitivity").path)
+    fastest = max(plan.conditions, key=lambda name: plan.conditions[name].speed_m_s or 0.0)
+    reference = Reference("rice_box", 130, fastest)
+    assert reference in plan.references()
+    bench = Bench(tmp_path, "direct", default_cell_file(), plan.criterion, "")
+    (tmp_path / RECORDINGS).mkdir()
+    seed = seed_of(plan.seed, "reference", reference.name)
+    assert record(bench, reference, plan.conditions[fastest], seed) is None
+
+
+def test_trials_of_a_reference_that_cannot_be_recorded_are_left_out(tmp_path):
+    file = plan_file("reference-spreading-sensitivity")
+    campaign = ControllerComparison(load_plan(file.path), Request(file, tmp_path))
+    size, fast = campaign.size(), "rice_box/130@fast"
+    stages = campaign.stages()
+    recorded = [task.name for task in next(stages).tasks]
+    assert f"reference-{fast}" in recorded
+    with pytest.raises(StopIteration):
+        stages.send({f"reference-{fast}": "too fast for it"})
+    cases = campaign.cases([])
+    assert fast not in {trial.reference for trial in cases}
+    assert len(cases) == campaign.size() < size
+
+    stages = campaign.stages()
+    next(stages)
+    with pytest.raises(TrialError, match="rice_box/130 could not be recorded: broken"):
+        stages.send(dict.fromkeys(recorded, "broken"))

@@ -5,23 +5,12 @@
 
 import asyncio
 import sys
-import time
-from collections.abc import Callable
 
 import aiofranka
 import numpy as np
+from settling import settles  # beside this file
 
 AWAY = 0.3 * np.array([0.5, -1.0, 0.5, 0.0, 1.0, 1.0, 1.0])
-LONGEST_S = 30.0
-
-
-def settles(error: Callable[[], float], allowed: float) -> bool:
-    """Wait until an error is small and stays so; the client's clock need not be the robot's."""
-    end_s, since = time.monotonic() + LONGEST_S, 0
-    while time.monotonic() < end_s and since < 20:
-        time.sleep(0.01)
-        since = since + 1 if error() < allowed else 0
-    return since == 20
 
 
 def connect(address: str) -> aiofranka.Robot:

@@ -7,23 +7,13 @@ runs on a thread in Rust; what is asked of it is asked by the clock of the wall.
 import itertools
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
 import franka
 import numpy as np
+from settling import settles  # beside this file
 
 STEP_M, STEP_RAD = 0.03, 0.1
-LONGEST_S = 30.0
-
-
-def settles(error: Callable[[], float], allowed: float) -> bool:
-    """Wait until an error is small and stays so; the client's clock need not be the robot's."""
-    end_s, since = time.monotonic() + LONGEST_S, 0
-    while time.monotonic() < end_s and since < 20:
-        time.sleep(0.01)
-        since = since + 1 if error() < allowed else 0
-    return since == 20
 
 
 def state(robot: franka.Robot) -> None:

@@ -6,7 +6,7 @@ from websockets.sync.client import connect
 
 from rtstack.teleoperation.stamp import Sender
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 TRIES = 100  # of a command on a machine that is too slow for the gate
 SECRET = "a file's secret"
 

@@ -13,7 +13,7 @@ from playwright.sync_api import Error, expect
 READY_MS = 240_000  # code may have to be compiled for this machine first
 HOME = {"left": (0.0, 0.35, 0.26), "right": (0.0, -0.35, 0.26)}
 ARROW_M = 0.17  # of a gizmo's arrow, from its middle: between shaft and tip
-# the scene's first camera: console/scene.py
+# the scene's first camera: console/scene/scene.py
 EYE, LOOK_AT, FIELD_OF_VIEW = np.array([-1.75, 0.0, 1.35]), np.array([-0.02, 0.0, 0.3]), 0.72
 STEPS = 12
 ATTEMPTS = 20
@@ -157,7 +157,7 @@ class Operator:
 
     def wait_at_rest(self):
         """Watch the arms until they have come to rest."""
-        still = 0
+        still, speeds = 0, []
         for _ in range(PATIENCE):
             self.check_held()
             self.page.wait_for_timeout(100)

@@ -11,7 +11,6 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from playwright.sync_api import Page, Playwright
 from rtstack.live.standalone import find_rings
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox
 from rtstack.samples import SIDES, Mode
 from tests.support.console.chromium import ARGUMENTS, CHROMIUM, leave_scene_undrawn
 from tests.support.console.stack import SoakFailed, Stack
@@ -149,22 +147,17 @@ class Witness:
 
 
 class OperatorScene:
-    """The stack, and an operator's page in a browser that outlives it. drawn: with the 3D scene in the page.
+    """The stack, and an operator's page in a browser that outlives it. drawn: with the 3D scene in the page."""
 
-    options: of `rtstack up`.
-    """
-
-    def __init__(self, browser: Chromium, logs: Path, drawn: bool = True, options: Sequence[str] = ()) -> None:
+    def __init__(self, browser: Chromium, logs: Path, drawn: bool = True) -> None:
         self.browser = browser
         self._drawn = drawn
-        self.stack = Stack(logs, options)
+        self.stack = Stack(logs)
         self._page: Page | None = None
         try:
             self.console = self.stack.members["console"]
-            words = self.console.cmdline()
-            self.rings = Rings.attach(find_rings(Path(words[words.index("--run") + 1])))
+            self.rings = Rings.attach(find_rings(self.stack.run_folder))
             self.witness = Witness(self.rings)
-            self.mailbox = Mailbox.attach(f"{words[words.index('--name') + 1]}-mailbox")
         except BaseException:
             self.stack.end()
             raise
@@ -184,8 +177,8 @@ class OperatorScene:
         self._page.bring_to_front()
         return self._page
 
-    def take_hold(self, jog: bool = True) -> None:
-        """Take control, arm, start, hold the clutch, and lead the left arm by a key, unless something else does.
+    def take_hold(self) -> None:
+        """Take control, arm, start, hold the clutch, and lead the left arm by a key.
 
         Raises SceneFailed where the arms stopped, or did not follow.
         """
@@ -196,8 +189,6 @@ class OperatorScene:
         self.stack.post("jobs/teleoperation", object="rice_box", stop_on_release=True)
         page.locator("#clutch[data-state=ready]").wait_for()
         page.keyboard.down(CLUTCH)
-        if not jog:
-            return
         page.keyboard.down(JOG)
         wait(lambda: self.witness.speed_m_s > FOLLOWING_M_S or self.witness.stopped, "the arm does not follow the hand")
         if self.witness.stopped:
@@ -238,7 +229,6 @@ class OperatorScene:
         if self._page is not None and not self._page.is_closed():
             self._page.close()
         self.witness.close()
-        self.mailbox.close()
         trouble = self.stack.end()
         self.rings.close()
         return trouble

@@ -6,10 +6,12 @@ import time
 import numpy as np
 from PIL import Image
 
-from rtstack.cameras.source import draw_time, read_time
-from rtstack.log.mcap_writer import McapWriter
-from rtstack.log.pictures import LoggedCamera
+from rtstack.cameras.source import draw_time
+from rtstack.log.writing.mcap_writer import McapWriter
+from rtstack.log.writing.pictures import LoggedCamera
+from rtstack.samples import SIDES
 from rtstack.topics import TOPICS
+from tests.support.drawn_time import read_time
 
 MS = 1_000_000
 SPIKE_S = 1.234
@@ -39,21 +41,22 @@ def time_in(jpeg):
     return read_time(np.array(Image.open(io.BytesIO(jpeg))))
 
 
-def write_log(path, trial, result=None, spike=80.0, complete=True, pictures=()):
+def write_log(path, trial, result=None, spike=80.0, complete=True, pictures=(), sides=SIDES):
     """A log of two seconds with a spike of one sample in a torque and an impact.
 
-    pictures: a LoggedCamera and its (t_ns, JPEG), of each camera.
+    pictures: a LoggedCamera and its (t_ns, JPEG), of each camera. sides: of the arms that it has.
     """
+    no_arm = tuple(f"/{side}/" for side in SIDES if side not in sides)
     with open(path, "wb") as file:
         schemas = {topic: each for camera, _ in pictures for topic, each in camera.schemas().items()}
         writer = McapWriter(file, schemas)
         writer.write_metadata("trial", trial)
         writer.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
         batches = {}
-        for topic in TOPICS:
+        for topic in [topic for topic in TOPICS if not topic.startswith(no_arm)]:
             batches[topic] = np.zeros(1 if topic == "/events" else 2000, TOPICS[topic].record)
             batches[topic]["t_ns"] = np.arange(len(batches[topic])) * MS
-        batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
+        batches[f"/{sides[0]}/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
         batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
         batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
         made = {camera.topics[0]: [(t, camera.message(t, data)) for t, data in shown] for camera, shown in pictures}

@@ -16,33 +16,14 @@ from fastapi import FastAPI
 
 from console.address import Address
 from console.app import create_app
-from console.calibration import CellCalibration
-from console.campaigns.campaigns import Campaigns
-from console.heartbeats import OperatorHeartbeats
-from console.parts import Parts
-from console.preview import Preview
-from console.questions import Questions
-from console.queue.file import FILE_NAME as QUEUE_FILE
-from console.queue.queue import Queue
-from console.queue.runner import QueueRunner
-from console.review.cache import ReviewCache
-from console.review.layouts import Layouts
-from console.review.scene import ReviewScenes
-from console.scene_ghost import GhostPlayer
-from console.scenes import Scenes
+from console.parts import Parts, assemble
 from console.server import server_settings
-from console.sign_in import SignIn
-from console.teleoperation.teleop_input import TeleopInput
-from console.tokens import Scope, Tokens
-from console.training.trainer import Trainer
-from console.watch import Watch
 from deploy import cells
+from rtstack.access.tokens import Scope
 from rtstack.live.audit import FILE_NAME, AuditTrail
-from rtstack.live.client import RobotClient
 from rtstack.live.job_manager import JobManager
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
-from rtstack.log.catalogue import Catalogue
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.cell_description import load_cell_description
@@ -112,59 +93,14 @@ def serve_console(logs: Path, cell_file: Path = CELL) -> Iterator[ServedConsole]
         job_manager.authority._arming._lease_s = LEASE_S
         service = Service(job_manager, folder / "robot.sock")
         stack.callback(service.close)
-        cell = load_cell_description(cell_file)
-        client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
-        stack.callback(client.close)
-        status_client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
-        stack.callback(status_client.close)
-        heartbeats = OperatorHeartbeats()
-        watch = Watch(rings, status_client, heartbeats, cell)
-        stack.callback(watch.close)
-        watch.start()
-        teleop = TeleopInput(mailbox, watch)
-        ghost = GhostPlayer(logs)
-        scenes = Scenes(cell, watch, teleop, cell_file, ghost)
-        stack.callback(scenes.close)
-        review_cache = ReviewCache(logs)
-        stack.callback(review_cache.close)
-        review_scenes = ReviewScenes(cell)
-        stack.callback(review_scenes.close)
-        catalogue, queue = Catalogue(logs), Queue(logs / QUEUE_FILE)
-        runner = QueueRunner(queue, client, catalogue, watch.learn)
-        stack.callback(runner.close)
-        runner.start()
-        campaigns = Campaigns(logs)
-        stack.callback(campaigns.close)
-        preview = Preview(cell_file, ghost)
-        stack.callback(preview.close)
-        trainer = Trainer(watch)
-        stack.callback(trainer.close)
-        questions = Questions(cell)
-        stack.callback(questions.close)
         listener = socket.create_server(("127.0.0.1", 0))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
-        parts = Parts(
-            SignIn(Address(port), Tokens(logs), audit),
-            audit,
-            cell,
-            client,
-            mailbox,
-            heartbeats,
-            watch,
-            catalogue,
-            scenes,
-            teleop,
-            review_cache,
-            review_scenes,
-            queue,
-            campaigns,
-            preview,
-            trainer,
-            questions,
-            Layouts(logs),
-            CellCalibration(Path(shutil.copy(cell_file, folder / "cell.toml")), logs, questions, watch),
-        )
+        own_cell = Path(shutil.copy(cell_file, folder / "cell.toml"))  # what a calibration writes to
+        parts = assemble(
+            stack, Address(port), load_cell_description(cell_file), own_cell, logs, folder / "robot.sock",
+            mailbox, rings, patience_s=20.0,  # a machine that is busy
+        )  # fmt: skip
         application = create_app(parts, Address(port))
         server = uvicorn.Server(server_settings(application))
         thread = threading.Thread(target=server.run, args=([listener],))

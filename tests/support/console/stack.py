@@ -6,13 +6,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import httpx
 import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 LONGEST_JOB_S = 300.0
@@ -25,14 +27,14 @@ class SoakFailed(Exception):
 class Stack:
     """`rtstack up`, and a session of an operator at its console."""
 
-    def __init__(self, logs: Path, arms: Sequence[str] = ()) -> None:
-        """arms: options of `rtstack up`, none for the simulated cell."""
+    def __init__(self, logs: Path, arms: Sequence[str] = (), port: int = 0, errors: int | None = None) -> None:
+        """arms: options of `rtstack up`, none for the simulated cell; errors: where its stderr goes, as in Popen."""
         self.logs = logs
-        self.process = subprocess.Popen(
-            [str(COMMAND), "up", "--port", "0", "--logs", str(logs), *arms], stdout=subprocess.PIPE, text=True
-        )
+        command = [str(COMMAND), "up", "--port", str(port), "--logs", str(logs), *arms]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
         assert self.process.stdout is not None
-        found = re.search(r"(http://\S+?)/\?token=(\S+)", self.process.stdout.readline())
+        self.line = self.process.stdout.readline()
+        found = re.search(r"(http://\S+?)/\?token=(\S+)", self.line)
         if found is None:
             raise SoakFailed("the stack did not come up: see above")
         self.base, token = found.groups()
@@ -53,6 +55,30 @@ class Stack:
             if "-m" in words:
                 named[words[words.index("-m") + 1]] = process
         return named
+
+    @property
+    def run_folder(self) -> Path:
+        """The folder of the robot process's socket."""
+        words = self.members["console"].cmdline()
+        return Path(words[words.index("--run") + 1])
+
+    @contextmanager
+    def beating(self) -> Iterator[None]:
+        """Give the operator's signs of life meanwhile, until the console is gone."""
+        over = threading.Event()
+
+        def beat() -> None:
+            with suppress(httpx.HTTPError):
+                while not over.wait(0.2):
+                    self.client.post("/api/beat", json={}, headers=self.headers)
+
+        thread = threading.Thread(target=beat)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def post(self, path: str, **body: object) -> dict:
         """Make a change. Raises SoakFailed with what the console says."""
@@ -96,7 +122,7 @@ class Viewer:
         self._answers = answers
         self._address = stack.base.replace("http", "ws") + "/live"
         self._cookie = "; ".join(f"{name}={value}" for name, value in stack.client.cookies.items())
-        self._origin = stack.base
+        self._origin = Origin(stack.base)
         self.views = 0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)

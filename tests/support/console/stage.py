@@ -10,8 +10,9 @@ from contextlib import contextmanager
 import numpy as np
 
 from hal.state import RobotMode
-from rtstack.live.protocol import DemonstrationRequest, JobState
+from rtstack.live.protocol import JobState, RunRequest
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode
+from rtstack.trials.specification import DemonstrationSpecification
 from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.served_console import serve_console
 
@@ -67,7 +68,7 @@ class Stage:
             jobs.authority.take(operator)
             jobs.authority.arm(operator)
         if moment in ("preparing", "moving", "holding"):
-            jobs.order(DemonstrationRequest(operator=operator))
+            jobs.order(RunRequest(DemonstrationSpecification(), operator))
         if moment in ("moving", "holding"):
             self.begin(moment)
         elif moment == "guided":

@@ -18,7 +18,7 @@ class Use(Enum):
     """What is done with a block."""
 
     RUN = auto()
-    SLOW = auto()  # `make docs-commands` runs it
+    SLOW = auto()  # the program `deeper` with docs-commands runs it
     BACKGROUND = auto()  # runs until the page's end
     FILE = auto()  # written under its title
     CHECKED = auto()  # of commands, only that they exist

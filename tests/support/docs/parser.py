@@ -5,10 +5,9 @@ import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-import typer
-
-from rtstack.cli.app import app
+from rtstack.cli.app import whole
 from tests.support.docs.blocks import ROOT, Block
 
 _SEPARATORS = {";", "&&", "||", "|", "(", ")", "&", "\n"}
@@ -59,7 +58,7 @@ def problem_of(words: list[str]) -> str | None:
 
 def unknown_word(command: str) -> str | None:
     """Return the sub-command or option of ours that a command names and that does not exist, None where all do."""
-    found = typer.main.get_command(app)
+    found: Any = whole()
     _, *words = shlex.split(command)
     while hasattr(found, "commands") and words and not words[0].startswith("-"):
         name = words.pop(0)
@@ -71,7 +70,7 @@ def unknown_word(command: str) -> str | None:
 
 
 def _parsed(arguments: list[str]) -> str | None:
-    command = typer.main.get_command(app)
+    command: Any = whole()
     name = "rtstack"
     while hasattr(command, "commands") and arguments and not arguments[0].startswith("-"):
         name, *arguments = arguments

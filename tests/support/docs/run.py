@@ -91,13 +91,13 @@ class Page:
         )  # fmt: skip
 
     def _run_here(self, lines: list[str]) -> subprocess.CompletedProcess[str]:
-        said = ""
+        status, said = 0, ""
         for line in lines:
             done = self._command_line(*shlex.split(line)[1:])
-            said += done.stdout + done.stderr
-            if done.returncode:
+            status, said = done.returncode, said + done.stdout + done.stderr
+            if status:
                 break
-        return subprocess.CompletedProcess(lines, done.returncode, said)
+        return subprocess.CompletedProcess(lines, status, said)
 
     def _remembered(self, block: Block) -> None:
         """Run commands, or take what the same ones have left behind on a page before: recordings are expensive."""
@@ -134,7 +134,8 @@ class Page:
 
 def environment() -> dict[str, str]:
     """Return the environment of somebody who has activated the virtual environment of this clone."""
-    return {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    return {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}", "PYTHONPATH": paths}
 
 
 def conversation(text: str) -> Iterable[tuple[str, str]]:

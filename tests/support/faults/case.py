@@ -11,9 +11,9 @@ from unittest.mock import patch
 import numpy as np
 from mcap.exceptions import McapError
 
-from hal.cell import Cell
+from hal.base.realtime import realtime_thread
 from hal.errors import CommandRejected, HardwareError
-from hal.realtime import realtime_thread
+from hal.fci import FciPair
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from rtstack.cells import default_cell_file
@@ -22,7 +22,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.safety.limits import ForcePhase
-from rtstack.samples import Mode
+from rtstack.samples import SIDES, Mode
 from rtstack.trials import record
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
@@ -31,9 +31,8 @@ from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, run_trial
 from sim_robot.profile import load_profile
-from tests.support.faults.evidence import MOST_LOST_S, Evidence, beyond_limits, read_evidence
+from tests.support.faults.evidence import MOST_LOST_S, Evidence, beyond_limits, first_violation, read_evidence
 from tests.support.faults.hold import hold
-from tests.support.faults.limits import first_violation
 from tests.support.faults.model import (
     MODES,
     MOST_TICKS,
@@ -154,7 +153,7 @@ class Case:
 
     def _idle(self, stage: Stage) -> None:
         """Move a little, so that a script begins to count; then watch, as the robot process does between two jobs."""
-        arms, nothing = (stage.cell.left, stage.cell.right), np.zeros(7)
+        arms, nothing = stage.pair.arms.values(), np.zeros(7)
         with realtime_thread() if self._ground.clocks else contextlib.nullcontext():
             stage.pair.start()
             for _ in range(IDLE_MOTION_TICKS):
@@ -306,7 +305,7 @@ class Case:
             try:
                 cell = stage.reconnect()
                 if not self._result.robot:
-                    self._look_at_robot(cell)
+                    self._look_at_robot(stage.pair)
                 stage.pair.recover()
                 hold(cell, self._ground.prepared.description)
                 break
@@ -323,9 +322,9 @@ class Case:
             self._misses.append("the recovery was not refused while the cause persisted")
         self._result.recovered = f"yes, after {len(refusals)} refusals" if refusals else "yes"
 
-    def _look_at_robot(self, cell: Cell) -> None:
+    def _look_at_robot(self, pair: FciPair) -> None:
         words, fastest = [], 0.0
-        for side, arm in (("left", cell.left), ("right", cell.right)):
+        for side, arm in zip(SIDES, pair.arms.values(), strict=True):
             with contextlib.suppress(CommandRejected):
                 arm.read()
             state = arm.state

@@ -1,4 +1,7 @@
-"""What a log says, read by the readers of others: the mcap package and protobuf, without a line of rtstack.log."""
+"""What a log says, read by the readers of others: the mcap package and protobuf, without a line of rtstack.log.
+
+And from which tick it shows what a limit of the judge forbids, by the judge's oracle in plain Python.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +13,18 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from hal.robots import FR3
 from rtstack.log.errors import LogError
-from rtstack.log.recover import recover
+from rtstack.log.file.recover import recover
+from rtstack.model.cell_description import CellDescription
+from rtstack.safety.judge import Base, Cause
+from rtstack.safety.limits import ForcePhase
+from rtstack.trials.tightening import limits_of_arms
+from tests.support.safety.judge_oracle import arm_reason, joint_reason
 
 FIELDS = ("q", "dq", "tau_J", "tau_ext_hat_filtered", "tau_applied", "momentum_residual")
 MOST_LOST_S = 0.5
 TICK_NS = 1_000_000
 STEP_NM = FR3.limits.tau_rate_max * 1e-3 + 1e-6
+OTHERS = {"tau_desired": np.zeros((1, 7)), "O_F_ext_hat_K": np.zeros((1, 6)), "O_T_EE": np.zeros((1, 4, 4))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,3 +107,24 @@ def _largest_jump(t_ns: np.ndarray, tau: np.ndarray) -> float:
     next_ms = (np.diff(times) == TICK_NS) & (count[1:] == 1) & (count[:-1] == 1)
     jumps = np.abs(np.diff(tau[first], axis=0))[next_ms]
     return float(jumps.max(initial=0.0))
+
+
+def first_violation(evidence: Evidence, description: CellDescription, begin: int, phase: ForcePhase) -> int | None:
+    """Return the first tick from `begin` on in which a state or a residual is beyond a limit, None where none is.
+
+    phase: of the forces; the pad's is not looked at.
+    """
+    limits = limits_of_arms(description)[0]
+    limits = limits.tightened({"tau_ext_max": limits.tau_ext_by_phase[phase].tolist()})
+    found = []
+    for side, mounting in zip(description.sides, description.arms, strict=True):
+        base = Base(mounting.base_position, mounting.base_orientation_wxyz)
+        arm = evidence.arms[side]
+        for tick in range(begin, len(arm["t_ns"])):
+            sample = {name: arm[name][tick : tick + 1] for name in ("q", "dq", "tau_J", "tau_ext_hat_filtered")}
+            sample |= OTHERS
+            reason = joint_reason(sample, arm["momentum_residual"][tick], limits)[0]
+            if reason is not Cause.NONE or arm_reason(sample, base, limits)[0] is not Cause.NONE:
+                found.append(tick)
+                break
+    return min(found, default=None)

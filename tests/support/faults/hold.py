@@ -1,21 +1,23 @@
 """The smallest motion that there is: both arms hold where they are, under the whole loop."""
 
 from contextlib import nullcontext
+from typing import cast
 
 import numpy as np
 
+from hal.base.realtime import realtime_thread
 from hal.cell import Cell
 from hal.errors import HardwareError
-from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
+from rtstack.control.tick import CellController
 from rtstack.loop.end import End
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Session, SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
-from rtstack.trials.assembly import default_parameters, dual_arm_controller, following, safety_judges
+from rtstack.trials.assembly import cell_controller, default_parameters, following, safety_judges
 
 TICKS = 60
 
@@ -23,9 +25,9 @@ TICKS = 60
 def hold(cell: Cell, description: CellDescription) -> None:
     """Hold both arms for some ticks. Raises HardwareError where the session does not come to its end."""
     parameters = default_parameters()
-    controller = dual_arm_controller(description, parameters, following(Strategy.PROPOSED), 0.0)
+    controller = cast(CellController, cell_controller(description, parameters, following(Strategy.PROPOSED), 0.0))
     points = np.zeros((2, TICKS), POINT)
-    for side, (arm, robot) in enumerate(zip(controller.arms, (cell.left, cell.right), strict=True)):
+    for side, (arm, robot) in enumerate(zip(controller.arms, cell.arms, strict=True)):
         arm.sample["q"][0] = robot.read().q
         arm.observe()
         work = arm.workspace[0]

@@ -148,7 +148,7 @@ def overrun(stage: Stage) -> None:
 
 def driver_time_back(stage: Stage) -> None:
     """Stamp the left arm's states 5 ms earlier from now on, as a driver that confuses two clocks would."""
-    arm = stage.cell.left
+    arm = stage.cell.arms[0]
     read = arm.read
 
     def confused() -> ArmState:

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
+from typing import cast
 from unittest.mock import patch
 
 import numpy as np
@@ -16,7 +17,7 @@ import psutil
 from hal.cell import Cell
 from hal.fci import FciPair, Tool, open_pair
 from rtstack.cells.simulator import Simulator
-from rtstack.control.tick import DualArmController
+from rtstack.control.tick import CellController
 from rtstack.loop import watchdogs
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
@@ -25,7 +26,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import SafetyJudge
 from rtstack.samples import Mode
 from rtstack.trials import run
-from rtstack.trials.run_observer import RunEvent
+from rtstack.trials.run_context import RunEvent
 
 BEAT_S = 0.1
 
@@ -106,8 +107,8 @@ class Stage:
         self.pair = self.connect()
         self.cell = replace(self._cell(self.pair), own_clocks=self.own_clocks)
         self._begin = begin
-        self.controller: DualArmController
-        self.judges: tuple[SafetyJudge, SafetyJudge]
+        self.controller: CellController
+        self.judges: tuple[SafetyJudge, ...]
         self.log_path = Path()
         self.log_process: psutil.Process
         self.frozen: list[psutil.Process] = []
@@ -152,7 +153,7 @@ class Stage:
 
     def _find_log_process(self) -> psutil.Process:
         for child in psutil.Process().children():
-            if "rtstack.log.process" in child.cmdline():
+            if "rtstack.log.writing.process" in child.cmdline():
                 return child
         raise AssertionError("there is no log process")
 
@@ -162,10 +163,10 @@ class Stage:
 
     def __enter__(self) -> "Stage":
         """From now on the controllers and judges that a run makes are looked at, tick by tick."""
-        make_controller, make_judges = run.dual_arm_controller, run.safety_judges
+        make_controller, make_judges = run.cell_controller, run.safety_judges
 
-        def controller(*arguments, **more) -> DualArmController:
-            self.controller = make_controller(*arguments, **more)
+        def controller(*arguments, **more) -> CellController:
+            self.controller = cast(CellController, make_controller(*arguments, **more))
             decide = self.controller.decide
 
             def decided(t_s: float) -> None:
@@ -177,7 +178,7 @@ class Stage:
             self.controller.decide = decided
             return self.controller
 
-        def judges(*arguments, **more) -> tuple[SafetyJudge, SafetyJudge]:
+        def judges(*arguments, **more) -> tuple[SafetyJudge, ...]:
             self.judges = make_judges(*arguments, **more)
             for side, judge in enumerate(self.judges):
                 self._look_at(side, judge)
@@ -188,7 +189,7 @@ class Stage:
             return self.judges
 
         self._patches = ExitStack()
-        self._patches.enter_context(patch.object(run, "dual_arm_controller", controller))
+        self._patches.enter_context(patch.object(run, "cell_controller", controller))
         self._patches.enter_context(patch.object(run, "safety_judges", judges))
         # this robot waits: what a busy machine takes is no overrun, the 30 ms of the fault are
         self._patches.enter_context(patch.object(watchdogs, "_PERIOD_NS", 20_000_000))
@@ -235,4 +236,4 @@ class Stage:
 
 def posture(cell: Cell) -> np.ndarray:
     """Return where both arms are, (2, 7) rad. Raises HardwareError."""
-    return np.stack([arm.read().q.copy() for arm in (cell.left, cell.right)])
+    return np.stack([arm.read().q.copy() for arm in cell.arms])

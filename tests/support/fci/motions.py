@@ -1,14 +1,14 @@
 """Motions over pylibfranka that several tests run, and how an arm that was stopped is recovered."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pylibfranka as franka
 import pytest
 
 from hal.robot_errors import ROBOT_ERRORS
-from tests.support.fci.client import hold, torque_control
-from tests.support.fci.raw import RawClient
+from tests.support.fci.client import DAMPING, STIFFNESS, hold, torque_control
 
 JOINT, CARTESIAN = franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImpedance
 DIRECTION = np.array([0.5, -1.0, 0.5, 0.0, 1.0, 1.0, 1.0])  # up, away from the table
@@ -23,7 +23,7 @@ def speed(t: float) -> float:
     return np.pi * np.sin(2.0 * np.pi * t)
 
 
-def run(control, law: Callable[[franka.RobotState, float], object]) -> list[franka.RobotState]:
+def run(control, law: Callable[[franka.RobotState, float], Any]) -> list[franka.RobotState]:
     """Run `law(first state, share of the motion)` for two seconds and return the states."""
     states = []
     for tick in range(TICKS + 1):
@@ -35,15 +35,13 @@ def run(control, law: Callable[[franka.RobotState, float], object]) -> list[fran
     return states
 
 
-def moving_state(raw: RawClient) -> np.void:
-    """Return the first state that shows the motion."""
-    state = raw.state()
-    while state["robot_mode"] != franka.RobotMode.Move.value:
-        state = raw.state()
-    return state
+def held(state: np.void, q_hold: np.ndarray) -> np.ndarray:
+    """A joint impedance of a raw client, (7,), Nm."""
+    return STIFFNESS * (q_hold - state["q"]) - DAMPING * state["dq"]
 
 
 def names(errors: franka.Errors) -> set[str]:
+    """Names of the errors of a client's state."""
     return {name for name in ROBOT_ERRORS if getattr(errors, name)}
 
 

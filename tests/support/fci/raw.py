@@ -1,15 +1,24 @@
 """A client that speaks the bytes itself, to send what no library would send."""
 
+import select
 import socket
 import struct
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command
+from hal.robot_errors import ROBOT_ERRORS
+from hal.state import RobotMode
+from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command, MoveStatus
 
 Deviation = tuple[float, float, float]  # translation m, rotation rad, elbow rad
 ANYWHERE = (10.0, 3.12, 6.29)  # what a client says that does not care; libfranka: 2 pi for the elbow
+
+
+def errors_of(state: np.void, field: str = "errors") -> set[str]:
+    """Names of the errors, or of the reflex's reasons, that a state shows."""
+    return {name for name, raised in zip(ROBOT_ERRORS, state[field], strict=True) if raised}
 
 
 class RawClient:
@@ -70,6 +79,18 @@ class RawClient:
             self.udp.settimeout(60.0)
         return np.frombuffer(data, ROBOT_STATE)[0]
 
+    def moving_state(self) -> np.void:
+        """Return the first state that shows the motion: earlier ones were sent before the robot took the request."""
+        while (state := self.state())["robot_mode"] != RobotMode.MOVE:
+            continue
+        return state
+
+    def begin(self, controller: int = 2, generator: int = 4, **deviations: Deviation) -> np.void:
+        """Connect, begin a motion, and return the first state that shows it."""
+        self.connect()
+        assert self.move(controller, generator, **deviations) == MoveStatus.MOTION_STARTED
+        return self.moving_state()
+
     def next_state(self) -> np.void:
         """Return the oldest state that was not read, or wait for the next one."""
         data, self._source = self.udp.recvfrom(4096)
@@ -104,3 +125,16 @@ class RawClient:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def arriving(raws: Sequence[RawClient], newest: bool = False) -> Iterator[tuple[int, np.void]]:
+    """Yield (index, state) as states of several clients arrive, for ever: nobody waits for another one's.
+
+    newest: without those that have waited, as a client has to answer that keeps up with a clock.
+    """
+    while True:
+        ready, _, _ = select.select([raw.udp for raw in raws], (), (), 5.0)
+        assert ready, "no state of any arm"
+        for index, raw in enumerate(raws):
+            if raw.udp in ready:
+                yield index, raw.state() if newest else raw.next_state()

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hal.robots import FR3
 from rtstack.impact_map import solvers
-from rtstack.impact_map.reflected import joint_inertia
+from rtstack.impact_map.scene import joint_inertia
 from sim_robot.arm_description import arm_description
 
 DT = 1e-5  # s

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from rtstack.impact_map.reflected import joint_inertia
+from rtstack.impact_map.scene import joint_inertia
 from rtstack.model.arm_model import build_model
 from rtstack.model.cell_description import ArmMounting
 
@@ -48,7 +48,9 @@ def system_of(scene, problem):
 class _Arm:
     def __init__(self, scene, name):
         arm = scene.arms[name]
-        mounting = ArmMounting("scene", arm.base_position, arm.base_orientation_wxyz, (0.0,) * 7)
+        mounting = ArmMounting(
+            "scene", arm.base_position, arm.base_orientation_wxyz, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        )
         self.model = build_model(mounting, scene.pad)
         self.model.gravity.setZero()
         data = self.model.createData()

@@ -13,8 +13,6 @@ from mcap.reader import make_reader
 from rtstack.log.reader import read_log
 from rtstack.topics import HOST_CLOCK_FIELDS
 
-FIRST_STATES = (("/left/arm", 0), ("/right/arm", 0))  # topic and log time
-STARTED = ("robot_mode", "control_command_success_rate")
 RTSTACK = Path(sys.executable).with_name("rtstack")
 
 
@@ -39,28 +37,10 @@ def messages(path: Path) -> list[tuple[str, int, bytes]]:
         ]
 
 
-def _first_states(ours: Path, others: Path) -> list[str]:
-    found = []
-    for topic, _ in FIRST_STATES:
-        first, second = (read_log(path).topic(topic)[:1] for path in (ours, others))
-        names = [name for name in first.dtype.names or () if name not in STARTED]
-        found += [
-            f"{topic}: {name} differs at first" for name in names if not np.array_equal(first[name], second[name])
-        ]
-    return found
-
-
-def differences(ours: Path, others: Path, started: bool = True) -> list[str]:
-    """Return, in one line each, where two logs differ in what the host's clock has no part in; empty: nowhere.
-
-    started: both robots show their first state after the motion was started. A plant in the process of the loop starts
-    with the first torque: there the first state's mode and success rate are left out (False).
-    """
+def differences(ours: Path, others: Path) -> list[str]:
+    """Return, in one line each, where two logs differ in what the host's clock has no part in; empty: nowhere."""
     left, right = messages(ours), messages(others)
     found = []
-    if not started:
-        found += _first_states(ours, others)
-        left, right = ([each for each in log if each[:2] not in FIRST_STATES] for log in (left, right))
     counts = [Counter(topic for topic, _, _ in each) for each in (left, right)]
     if counts[0] != counts[1]:
         found.append(f"messages: {dict(counts[0])} against {dict(counts[1])}")

@@ -1,7 +1,7 @@
 """A short log with a camera's pictures."""
 
-from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.topics import TOPICS
 from tests.support.console.review_log import MS, stamped_pictures
 

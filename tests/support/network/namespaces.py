@@ -71,6 +71,8 @@ class Namespace:
         self.pid = os.fork()
         if not self.pid:
             os.close(read)
+            for number in (signal.SIGINT, signal.SIGTERM):  # they are for who has made it
+                signal.signal(number, signal.SIG_IGN)
             _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # never without the test
             os._exit(1) if _libc.unshare(_CLONE_NEWNET) else os.write(write, b"1")
             signal.pause()

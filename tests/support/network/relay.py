@@ -14,7 +14,6 @@ import os
 import random
 import select
 import socket
-import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass, field
@@ -132,16 +131,6 @@ class Relay:
             self.to_right.take(self.cable, cut and self.cable.cut == "all", self._chance, now_ns)
             for one in both:
                 one.give(time.monotonic_ns())
-
-
-def set_cable(relay: subprocess.Popen[str], cable: Cable) -> None:
-    """Change the cable of a relay that runs. Raises RuntimeError where it has ended."""
-    assert relay.stdin is not None
-    assert relay.stdout is not None
-    relay.stdin.write(json.dumps(asdict(cable)) + "\n")
-    relay.stdin.flush()
-    if relay.stdout.readline() != "ready\n":
-        raise RuntimeError("the relay has ended")
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 Kinematics by homogeneous matrices of the vendor's published Denavit-Hartenberg table; velocities by differences.
 """
 
+from collections.abc import Mapping
 from math import cos, hypot, isfinite, pi, sin, sqrt
 
 import numpy as np
@@ -17,6 +18,7 @@ DH = [
 ]  # fmt: skip
 BRAKING = [max(a, b) for a, b in zip(FR3.limits.ddq_max, FR3.limits.deceleration, strict=True)]
 REACTION_S = 2e-3
+Sample = np.ndarray | Mapping[str, np.ndarray]  # (1,) of ARM_SAMPLE, or its fields
 
 
 def frames(q: np.ndarray, base: Base) -> list[np.ndarray]:
@@ -89,7 +91,7 @@ def distance(q_left: np.ndarray, q_right: np.ndarray, left: Base, right: Base) -
     return min(nearest(a, b, c, d) - r - s for a, b, r in sets[0] for c, d, s in sets[1])
 
 
-def joint_reason(sample: np.ndarray, residual: np.ndarray, limits: SafetyLimits) -> tuple[Cause, int]:
+def joint_reason(sample: Sample, residual: np.ndarray, limits: SafetyLimits) -> tuple[Cause, int]:
     """Return why a stop is needed by a joint's values, and which joint (1 to 7, 0 the whole arm)."""
     for i in range(7):
         names = ("q", "dq", "tau_J", "tau_ext_hat_filtered", "tau_desired")
@@ -119,7 +121,7 @@ def joint_reason(sample: np.ndarray, residual: np.ndarray, limits: SafetyLimits)
     return Cause.NONE, 0
 
 
-def arm_reason(sample: np.ndarray, base: Base, limits: SafetyLimits) -> tuple[Cause, float]:
+def arm_reason(sample: Sample, base: Base, limits: SafetyLimits) -> tuple[Cause, float]:
     """Return why the arm as a whole needs a stop, and how far, relatively, the closest of these limits is."""
     place, velocity = face(sample["q"][0], base), face_velocity(sample["q"][0], sample["dq"][0], base)
     speed, power = float(np.linalg.norm(velocity)), abs(float(sample["tau_J"][0] @ sample["dq"][0]))

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from time import perf_counter
 from types import CodeType
+from typing import Any
 
 import coverage
 import pytest
@@ -172,5 +173,5 @@ def _exchange(module: str, path: str, code: CodeType) -> None:
     """Give a function that is already imported, everywhere at once, the code that it has in another module's code."""
     *outer, name = path.split(".")
     found = vars(functools.reduce(getattr, outer, sys.modules[module]))[name]
-    function = found.fget if isinstance(found, property) else found
+    function: Any = found.fget if isinstance(found, property) else found
     function.__code__ = dict(functions(code))[path]

@@ -11,23 +11,24 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType
+from typing import Any
 
 COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult}
 FUNCTIONS = {"min": "max", "max": "min", "abs": "float", "all": "any"}
 
-Change = tuple[str, Callable[[ast.AST], None]]
+Change = tuple[str, Callable[[Any], None]]  # of a node of the kind that it was found at
 
 
-def _constant(value: object) -> Callable[[ast.AST], None]:
-    def change(node: ast.AST) -> None:
+def _constant(value: object) -> Callable[[Any], None]:
+    def change(node: Any) -> None:
         node.value = value
 
     return change
 
 
-def _become(kind: type[ast.AST], **fields: object) -> Callable[[ast.AST], None]:
-    def change(node: ast.AST) -> None:
+def _become(kind: type[ast.AST], **fields: object) -> Callable[[Any], None]:
+    def change(node: Any) -> None:
         node.__class__ = kind
         for name, value in fields.items():
             setattr(node, name, value)
@@ -35,8 +36,8 @@ def _become(kind: type[ast.AST], **fields: object) -> Callable[[ast.AST], None]:
     return change
 
 
-def _test(value: bool) -> Callable[[ast.AST], None]:
-    def change(node: ast.AST) -> None:
+def _test(value: bool) -> Callable[[Any], None]:
+    def change(node: Any) -> None:
         node.test = ast.copy_location(ast.Constant(value), node.test)
 
     return change
@@ -49,14 +50,14 @@ def changes(node: ast.AST) -> Iterator[Change]:
             if type(op) in COMPARISONS:
                 other = COMPARISONS[type(op)]
 
-                def compare(n: ast.AST, k: int = k, other: type = other) -> None:
+                def compare(n: Any, k: int = k, other: type = other) -> None:
                     n.ops[k] = other()
 
                 yield f"{type(op).__name__} -> {other.__name__}", compare
     elif isinstance(node, ast.BinOp | ast.AugAssign) and type(node.op) in ARITHMETIC:
         other = ARITHMETIC[type(node.op)]
 
-        def operate(n: ast.AST, other: type = other) -> None:
+        def operate(n: Any, other: type = other) -> None:
             n.op = other()
 
         yield f"{type(node.op).__name__} -> {other.__name__}", operate
@@ -68,7 +69,7 @@ def changes(node: ast.AST) -> Iterator[Change]:
         neutral = isinstance(node.op, ast.And)
         for k in range(len(node.values)):
 
-            def drop(n: ast.AST, k: int = k) -> None:
+            def drop(n: Any, k: int = k) -> None:
                 n.values[k] = ast.copy_location(ast.Constant(neutral), n)
 
             yield f"condition {k + 1} dropped", drop
@@ -113,7 +114,8 @@ def mutants(path: Path) -> Iterator[Mutant]:
     """Yield the mutants of a module that differ from it, and from one another, as compiled."""
     source = path.read_text()
     tree = ast.parse(source)
-    lines, nodes, pickled = source.splitlines(), list(ast.walk(tree)), pickle.dumps(tree)
+    nodes: list[Any] = list(ast.walk(tree))
+    lines, pickled = source.splitlines(), pickle.dumps(tree)
     homes = dict(_homes(tree, None, (0, 0)))
     seen, names = {_content(compile(tree, str(path), "exec"))}, Counter[str]()
     for index, node in enumerate(nodes):
@@ -172,7 +174,7 @@ def _is_compound(node: ast.AST) -> bool:
     return hasattr(node, "body")
 
 
-def _span(node: ast.AST) -> tuple[int, int]:
+def _span(node: Any) -> tuple[int, int]:
     """Return the lines of a statement, of a compound one those of its head."""
     first = getattr(node, "lineno", 0)
     if _is_compound(node):
@@ -183,7 +185,7 @@ def _span(node: ast.AST) -> tuple[int, int]:
 def _content(code: CodeType) -> bytes:
     """Return what a code does, without the places in the source where it stands."""
 
-    def bare(value: object) -> object:
+    def bare(value: object) -> Any:
         if isinstance(value, CodeType):
             constants = tuple(bare(constant) for constant in value.co_consts)
             return value.replace(co_consts=constants, co_linetable=b"", co_firstlineno=1)

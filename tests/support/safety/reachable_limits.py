@@ -61,7 +61,7 @@ def _phase(limit: str) -> ForcePhase:
     return next((phase for phase in ForcePhase if phase.name.lower() in limit), ForcePhase.IMPACT)
 
 
-Table = tuple[str, str, dict[str, object], frozenset[Cause] | tuple[Cause]]
+Table = tuple[str, str, dict[str, object], frozenset[Cause] | tuple[Cause, ...]]
 
 
 def _tables(trial: Recorded, places: Places, stock: SafetyLimits) -> Iterator[Table]:

@@ -9,12 +9,13 @@ import numpy as np
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.geometry import arm_distance
-from rtstack.safety.judge import Base, Cause, SafetyJudge, SafetyLimits, judge, pair_of_judges
+from rtstack.safety.judge import Base, Cause, SafetyJudge, SafetyLimits, judge
+from rtstack.safety.judge import judges_of as make_judges
 from rtstack.samples import ARM_SAMPLE, SIDES, Mode
 
 FAR_M = 9.0
 
-Judges = Callable[[SafetyLimits], tuple[SafetyJudge, SafetyJudge]]
+Judges = Callable[[SafetyLimits], tuple[SafetyJudge, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +66,11 @@ def read_recorded(path: Path) -> Recorded:
 
 def judges_of(cell: CellDescription) -> Judges:
     """Return what makes the pair of judges of a cell, with any limits."""
-    left, right = (Base(m.base_position, m.base_orientation_wxyz) for m in (cell.left, cell.right))
-    return lambda limits: pair_of_judges((limits, limits), left, right, cell.tools)
+    bases = [Base(m.base_position, m.base_orientation_wxyz) for m in cell.arms]
+    return lambda limits: make_judges((limits, limits), bases, cell.tools)
 
 
-def replay(trial: Recorded, pair: tuple[SafetyJudge, SafetyJudge], places: Places | None = None) -> Intervention | None:
+def replay(trial: Recorded, pair: tuple[SafetyJudge, ...], places: Places | None = None) -> Intervention | None:
     """Judge a run tick by tick as its session did; return the first intervention. places: to be written."""
     sample = np.zeros(1, ARM_SAMPLE)
     views = [(one.memory, one._other, one._rules) for one in pair]

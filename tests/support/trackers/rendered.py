@@ -4,7 +4,7 @@ import cv2
 import mujoco
 import numpy as np
 
-from hal.tag_camera import TagCamera
+from hal.tracker import TagCamera
 from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.model import cell_xml
 from sim_robot.scene import load_scene
@@ -21,7 +21,7 @@ class RenderedCell:
         from mujoco.egl import GLContext
 
         scene = load_scene()
-        arms = tuple(arm_description(place.robot) for place in (scene.left, scene.right))
+        arms = tuple(arm_description(place.robot) for place in scene.arms)
         text = cell_xml(scene, OBJECT, scene.place(OBJECT, 0.0, (0.35, -0.35), None), arms)
         (width, height), half = camera.size, 0.75 * camera.tag_size  # with its white margin
         self.top_m = scene.objects[OBJECT].size[2] / 2.0 + _THICK_M  # of the tag over the object's middle

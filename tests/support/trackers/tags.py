@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from hal.tag_camera import TagCamera
+from hal.tracker import TagCamera
 
 CAMERA = TagCamera("0", (640, 480), (700.0, 700.0), (319.5, 239.5), tag_size=0.12)
 _PIXELS, _FINER = 400, 3  # of the texture's black square; drawn so many times finer than the picture

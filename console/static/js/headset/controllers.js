@@ -1,6 +1,7 @@
 // What is in a person's hands, from WebXR's input sources: where each is in the world, and what is pressed. Without
 // controllers a pinch of thumb and index finger is the grip.
 
+import { SIDES } from "../arms.js";
 import { OneEuro } from "./one_euro.js";
 
 // https://www.w3.org/TR/webxr-gamepads-module-1/, xr-standard
@@ -10,27 +11,34 @@ const OPEN_M = 0.03;
 export const LEAST_HZ = 6;
 export const PER_M_S = 20;
 
+// Of each arm of the cell: the hand of the same side leads it.
+const ofSides = (make) => Object.fromEntries(SIDES.map((side) => [side, make()]));
+
 export class Controllers {
   constructor(frames) {
     this.frames = frames;
-    this.filters = { left: new OneEuro(LEAST_HZ, PER_M_S), right: new OneEuro(LEAST_HZ, PER_M_S) };
-    this.held = { left: false, right: false };
-    this.must = { left: true, right: true }; // be let go before it can hold
-    this.pinched = { left: false, right: false };
+    this.filters = ofSides(() => new OneEuro(LEAST_HZ, PER_M_S));
+    this.held = ofSides(() => false);
+    this.must = ofSides(() => true); // be let go before it can hold
+    this.pinched = ofSides(() => false);
   }
 
   // What a frame shows: hands (7 numbers each, null for one that leads nothing), lost: one that led is not seen any more;
-  // pressed: of each side the names of its buttons; points: where controllers are whose trigger is pulled, in the room.
+  // pressed: of each controller, also of one that leads no arm, the names of its buttons; points: where controllers are whose trigger is pulled, in the room.
   read(frame, space, atS) {
-    const said = { hands: { left: null, right: null }, lost: false, pressed: { left: new Set(), right: new Set() }, points: {} };
+    const said = { hands: ofSides(() => null), lost: false, pressed: { left: new Set(), right: new Set() }, points: {} };
     const seen = new Set();
     for (const source of frame.session.inputSources) {
       const side = source.handedness;
-      if (!(side in said.hands) || !(source.hand || (source.gamepad && source.gripSpace))) continue;
+      if (!(side in said.pressed) || !(source.hand || (source.gamepad && source.gripSpace))) continue;
+      if (!(side in said.hands)) {
+        if (!source.hand) for (const name of this.controller(frame, space, source).down) said.pressed[side].add(name);
+        continue;
+      }
       seen.add(side);
       this.take(side, source.hand ? this.finger(frame, space, side, source.hand) : this.controller(frame, space, source), said, atS);
     }
-    for (const side of ["left", "right"]) {
+    for (const side of SIDES) {
       if (seen.has(side)) continue;
       said.lost ||= this.held[side];
       this.forget(side, true);
@@ -73,6 +81,6 @@ export class Controllers {
   }
 
   forgetAll() {
-    for (const side of ["left", "right"]) this.forget(side, true);
+    for (const side of SIDES) this.forget(side, true);
   }
 }

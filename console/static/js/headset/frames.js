@@ -6,6 +6,9 @@ const rotated = ([x, y, z], turn) => {
   return [c * x - s * y, s * x + c * y, z];
 };
 
+// The middle of the pads of the arms, m.
+export const middleOf = (pads) => [0, 1, 2].map((k) => pads.reduce((sum, pad) => sum + pad[k], 0) / pads.length);
+
 export class Frames {
   // turn: about the vertical, rad, of a person who does not look along the world's x; origin: the room's, in the world, m.
   constructor() {
@@ -31,8 +34,14 @@ export class Frames {
     return [0, 1, 2].flatMap((column) => [rows[0][column], rows[1][column], rows[2][column], 0]).concat(shift, 1);
   }
 
-  // The controllers, in the room, are where the pads are. pads: of (left, right), in the world.
-  align(left, right, pads) {
+  // The controllers, one or two points of the room, are where the pads are. pads: of the arms, in the world. One point
+  // does not say which way a person looks: that stays as it is.
+  align(points, pads) {
+    if (points.length === 1) {
+      this.put(points[0], pads);
+      return;
+    }
+    const [left, right] = points;
     this.turn = 0;
     this.origin = null;
     const [a, b] = [this.direction(left), this.direction(right)];
@@ -41,9 +50,10 @@ export class Frames {
     this.put({ x: (left.x + right.x) / 2, y: (left.y + right.y) / 2, z: (left.z + right.z) / 2 }, pads);
   }
 
-  // The middle between the pads is at a point of the room.
+  // The middle between the pads, or the only one, is at a point of the room.
   put(point, pads) {
     const at = this.direction(point);
-    this.origin = [0, 1, 2].map((k) => (pads[0][k] + pads[1][k]) / 2 - at[k]);
+    const middle = middleOf(pads);
+    this.origin = [0, 1, 2].map((k) => middle[k] - at[k]);
   }
 }

@@ -1,5 +1,6 @@
 // The time in which the headset is on: a session of WebXR, a picture after the other.
 
+import { SIDES } from "../arms.js";
 import { showError } from "../errors.js";
 import { Controllers } from "./controllers.js";
 import { Frames } from "./frames.js";
@@ -76,12 +77,12 @@ export class Immersion {
     return fresh;
   }
 
-  // Both triggers: the controllers are where the pads are.
-  align({ left, right }) {
+  // The triggers of all hands that lead: the controllers are where the pads are.
+  align(points) {
     const pads = this.page.view?.places?.pads;
-    const both = Boolean(left && right);
-    if (both && !this.aligning && pads) this.frames.align(left, right, pads);
-    this.aligning = both;
+    const all = SIDES.every((side) => points[side]);
+    if (all && !this.aligning && pads) this.frames.align(SIDES.map((side) => points[side]), pads);
+    this.aligning = all;
   }
 
   pulse(side, strength, ms) {

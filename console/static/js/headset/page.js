@@ -1,6 +1,7 @@
-// The page for a headset's browser: what both hands say goes to the console, and what a person has to know comes back.
+// The page for a headset's browser: what the hands say goes to the console, and what a person has to know comes back.
 
 import { post } from "../api.js";
+import { SIDES, TWO, UNCHANGED } from "../arms.js";
 import { Camera } from "../camera.js";
 import { Commands, latencyLine } from "../commands.js";
 import { Control, whyNot } from "../control.js";
@@ -29,12 +30,12 @@ class Headset {
     this.held = false;
     this.running = false;
     this.view = null;
-    this.felt = { left: 0, right: 0 };
+    this.felt = Object.fromEntries(SIDES.map((side) => [side, 0]));
     this.said = "-"; // the last line about the job, or about what was pressed
     for (const [id, recorded] of [["practise", false], ["record", true]]) $(id).addEventListener("click", () => this.start(recorded));
     $("finish").addEventListener("click", () => this.finish());
-    $("accept").addEventListener("click", () => this.accept());
-    $("mirror").addEventListener("change", () => this.mirror($("mirror").checked));
+    $("accept")?.addEventListener("click", () => this.accept());
+    $("mirror")?.addEventListener("change", () => this.mirror($("mirror").checked));
     $("enter").addEventListener("click", () => this.immersion.enter());
     $("facing").addEventListener("change", () => this.face());
     remember("headset", document.querySelectorAll("#headset select"));
@@ -43,9 +44,11 @@ class Headset {
     document.addEventListener("visibilitychange", () => document.hidden && this.letGo(true));
     window.addEventListener("pagehide", () => this.letGo(true));
     live.onView((view) => this.show(view));
-    tellWorth(live, (text) => {
-      this.said = $("worth").textContent = text;
-    });
+    if (TWO) {
+      tellWorth(live, (text) => {
+        this.said = $("worth").textContent = text;
+      });
+    }
     this.connect();
     this.immersion.find();
   }
@@ -77,9 +80,9 @@ class Headset {
     try {
       await post("/api/jobs/teleoperation", { object: $("headset-object").value, recorded, stop_on_release: false });
       // a hand has its own speed
-      this.say({ coupling: $("mirror").checked ? "mirrored" : "separate", speed_m_s: Number($("headset").dataset.fastest) });
+      this.say({ coupling: $("mirror")?.checked ? "mirrored" : "separate", speed_m_s: Number($("headset").dataset.fastest) });
     } catch (error) {
-      this.tell(`Not started: ${error.message}. Both arms stay as they are.`);
+      this.tell(`Not started: ${error.message}. ${UNCHANGED}`);
     }
   }
 
@@ -115,19 +118,19 @@ class Headset {
     else $("job-line").textContent = text;
   }
 
-  // What a picture of the headset shows of both hands; pressed: newly, of each side.
+  // What a picture of the headset shows of the hands; pressed: newly, of each controller.
   hear({ hands, lost, pressed }) {
     const either = (name) => pressed.left.has(name) || pressed.right.has(name);
     if (either("stick") || pressed.right.has("upper")) stop();
-    if (pressed.right.has("lower")) this.running ? this.finish() : this.start(true);
-    if (pressed.left.has("upper")) this.accept();
-    if (pressed.left.has("lower")) this.mirror(!$("mirror").checked);
+    if (pressed.right.has("lower") || (!TWO && pressed.left.has("lower"))) this.running ? this.finish() : this.start(true);
+    if (TWO && pressed.left.has("upper")) this.accept();
+    if (TWO && pressed.left.has("lower")) this.mirror(!$("mirror").checked);
     if (lost) this.letGo(true);
     else this.lead(hands);
   }
 
   lead(hands) {
-    if ((hands.left === null && hands.right === null) || !this.running) {
+    if (Object.values(hands).every((hand) => hand === null) || !this.running) {
       this.letGo(false, false);
       return;
     }
@@ -146,7 +149,7 @@ class Headset {
   drop(problem) {
     if (!this.held) return;
     this.letGo(true);
-    this.tell(`The arms do not follow: ${problem}.`);
+    this.tell(`${TWO ? "The arms do" : "The arm does"} not follow: ${problem}.`);
   }
 
   get state() {
@@ -157,14 +160,14 @@ class Headset {
   // What the board says.
   get lines() {
     const { hand, status } = this.view ?? {};
-    const doing = { fault: `Fault: ${status?.reason}. Recover on the page`, held: "Leading: let go of the grip, and the pads stay", ready: "Hold a grip to lead. A: finish. B: STOP", idle: "A: record. Y: accept the recording. X: mirror" }[this.state];
+    const doing = { fault: `Fault: ${status?.reason}. Recover on the page`, held: `Leading: let go of the grip, and the ${TWO ? "pads stay" : "pad stays"}`, ready: `Hold ${TWO ? "a" : "the"} grip to lead. ${TWO ? "A" : "A or X"}: finish. B: STOP`, idle: TWO ? "A: record. Y: accept the recording. X: mirror" : "A or X: record" }[this.state];
     return [doing, this.said, hand?.refusal ?? "", hand ? latencyLine(hand) : "", this.camera.line].filter((line, k) => k < 4 || line);
   }
 
   show(view) {
     this.view = view;
     const job = view.status?.job;
-    const led = view.left.mode === "TELEOPERATION" && view.right.mode === "TELEOPERATION";
+    const led = SIDES.every((side) => view[side].mode === "TELEOPERATION");
     this.running = led && job?.kind === "teleoperation" && job.state === "running" && view.status.holder === view.you;
     const why = whyNot(view);
     for (const id of ["practise", "record"]) {
@@ -174,10 +177,10 @@ class Headset {
     const line = job ? sentence(job, view.status.reason)[0] : "-";
     if (line !== this.line) [this.line, this.said, $("job-line").textContent] = [line, line, line];
     $("finish").disabled = !this.running;
-    $("accept").disabled = !(job?.recorded && job.state === "done");
+    if (TWO) $("accept").disabled = !(job?.recorded && job.state === "done");
     $("headset-state").textContent = { fault: "fault", held: "leading", ready: "hold a grip to lead", idle: "nothing is led" }[this.state];
     $("latency").textContent = view.hand.refusal ?? latencyLine(view.hand);
-    for (const side of ["left", "right"]) this.feel(side, view[side].peak_force_n ?? 0);
+    for (const side of SIDES) this.feel(side, view[side].peak_force_n ?? 0);
   }
 
   // A pulse when a pad touches, stronger with force.

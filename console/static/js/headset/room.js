@@ -1,5 +1,8 @@
 // What a person sees in the headset: pads, their ghosts and the object where they are, and a board with a few lines.
 
+import { SIDES } from "../arms.js";
+import { middleOf } from "./frames.js";
+
 const VERTEX = `attribute vec3 place; uniform mat4 see, model; varying vec3 at; void main() { at = place; gl_Position = see * model * vec4(place, 1.0); }`;
 const FRAGMENT = `precision mediump float; varying vec3 at; uniform vec4 colour; uniform sampler2D board; uniform float written;
 void main() {
@@ -101,16 +104,16 @@ export class Room {
 
   boxes({ pads, told, object }) {
     if (object) this.box(object, OBJECT_M, COLOURS.object);
-    for (const [k, side] of ["left", "right"].entries()) this.box(pads[k], PAD_M, COLOURS[side]);
-    const middle = [0, 1, 2].map((k) => (pads[0][k] + pads[1][k]) / 2);
+    for (const [k, side] of SIDES.entries()) this.box(pads[k], PAD_M, COLOURS[side]);
+    const middle = middleOf(pads);
     this.gl.bindTexture(this.gl.TEXTURE_2D, this.textures[0]);
     this.box([middle[0], middle[1], middle[2] + ABOVE_M, 1, 0, 0, 0], BOARD_M, [0, 0, 0, 1], 1);
-    for (const [k, side] of ["left", "right"].entries()) told && this.box(told[k], PAD_M, [...COLOURS[side].slice(0, 3), GHOST]);
+    for (const [k, side] of SIDES.entries()) told && this.box(told[k], PAD_M, [...COLOURS[side].slice(0, 3), GHOST]);
   }
 
   // The camera's picture stands above the board.
   hang({ pads }, { width, height }) {
-    const middle = [0, 1, 2].map((k) => (pads[0][k] + pads[1][k]) / 2);
+    const middle = middleOf(pads);
     const high = (PICTURE_M * height) / width;
     this.gl.bindTexture(this.gl.TEXTURE_2D, this.textures[1]);
     this.box([middle[0], middle[1], middle[2] + ABOVE_M + (BOARD_M[2] + high) / 2, 1, 0, 0, 0], [0.001, PICTURE_M, high], [0, 0, 0, 1], 1);

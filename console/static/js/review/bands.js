@@ -9,6 +9,9 @@ const CROWD = 24; // events in sight: so many lines would hide the curves
 const isTold = ({ name }) => name === "impact" || name === "verdict";
 const WORD_PX = 84; // a word needs as much room
 
+// Of the first arm that the log has.
+export const modesOf = ({ modes }) => Object.values(modes)[0] ?? [];
+
 // Spans that are narrower than half a pixel are passed over: their neighbours are at the same place.
 export function drawModes(context, spans, x, left, right, top, height, alpha, words) {
   let drawn = left;
@@ -33,7 +36,7 @@ export function drawBands(canvas, document, x, area, panes) {
   const on = pen(canvas);
   if (!on || !document) return;
   const { context } = on;
-  for (const { top, bottom } of panes) drawModes(context, document.modes.left ?? [], x, area.left, area.right, top, bottom - top, ALPHA, false);
+  for (const { top, bottom } of panes) drawModes(context, modesOf(document), x, area.left, area.right, top, bottom - top, ALPHA, false);
   const inside = ({ t_s }) => x(t_s) >= area.left && x(t_s) <= area.right;
   const told = document.events.filter((event) => (event.name !== "mode" || event.level !== "INFO") && inside(event));
   drawEvents(context, told, x, panes);
@@ -91,7 +94,7 @@ export function drawOverview(canvas, document, view) {
   if (document) {
     context.fillStyle = theme().surface;
     context.fillRect(0, 0, x(document.share * view.end), height);
-    drawModes(context, document.modes.left ?? [], x, 0, width, 0, height, 0.5, true);
+    drawModes(context, modesOf(document), x, 0, width, 0, height, 0.5, true);
     let last = -2;
     for (const event of document.events) {
       if (event.name === "mode" && event.level === "INFO") continue;

@@ -43,7 +43,7 @@ export class Layouts {
     this.show(name);
     if (!layout) return name && showError(`There is no layout ${name}.`);
     const { view } = this;
-    view.signals = [...layout.signals];
+    view.signals = layout.signals.filter((signal) => view.names.has(signal)); // it may be of another log
     for (const what of ["reference", "difference"]) view[what] = layout[what];
     document.getElementById("reference").checked = view.reference;
     document.getElementById("minus").checked = view.difference;

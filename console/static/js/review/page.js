@@ -5,6 +5,7 @@ import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
 import { startPlayback } from "../playback.js";
 import { startScene } from "../scene.js";
+import { modesOf } from "./bands.js";
 import { Cameras } from "./cameras.js";
 import { Compare } from "./compare.js";
 import { startKeys } from "./keys.js";
@@ -38,6 +39,14 @@ function showReading(document, sinceMs) {
   element("reading-line").textContent = `Reading this log for the first time: ${Math.round(document.share * 100)} % after ${seconds.toFixed(0)} s. What has been read is shown; leave this page whenever you like.`;
 }
 
+// The names of the signals that a log can have: none of an arm that it does not have, and none of a pair where it has one.
+function namesIn({ topics }, signals) {
+  const one = !("/left/arm" in topics && "/right/arm" in topics);
+  const there = signals.filter(({ topic, field }) => topic in topics && !(one && field.startsWith("pair_")));
+  if (one) for (const signal of there) if (signal.whose === "both arms") signal.whose = signal.group;
+  return new Set(there.map(({ name }) => name));
+}
+
 const legend = [...document.querySelectorAll(".modes li")];
 export let plots = null; // for readers of what is drawn
 
@@ -46,7 +55,7 @@ async function start() {
   const view = new View();
   const log = new Log(main.dataset.id);
   const signals = await get("/api/logs/signals");
-  new Tree(view, signals);
+  const tree = new Tree(view, signals);
   plots = new Plots(view, signals, log);
   const marks = new Marks(view, log);
   const timeline = new Timeline(view, log, marks);
@@ -96,12 +105,18 @@ async function start() {
   plots.shown.then(link);
   element("full").addEventListener("click", () => view.setWindow(0, view.end));
 
+  let names = null;
   const sinceMs = performance.now();
   await log.read((document) => {
     showRow(document);
     showReading(document, sinceMs);
+    if (names === null) {
+      names = namesIn(document, signals);
+      tree.keep(names);
+      view.keep(names);
+    }
     view.setEnd(document.duration_s);
-    for (const item of legend) item.hidden = !document.modes.left?.some(([, , mode]) => mode === item.dataset.mode);
+    for (const item of legend) item.hidden = !modesOf(document).some(([, , mode]) => mode === item.dataset.mode);
     marks.update();
     timeline.draw();
     plots.refresh();

@@ -6,6 +6,7 @@ export class Tree {
     this.place = document.getElementById("tree");
     this.search = document.getElementById("signal-search");
     this.boxes = new Map();
+    this.place.hidden = true; // until it is known which arms the log has
     this.build(signals);
     this.search.addEventListener("input", () => this.filter());
     view.on("signals", () => this.tick());
@@ -37,6 +38,19 @@ export class Tree {
       }
       this.place.append(details);
     }
+  }
+
+  // Show what the log can have, and nothing else.
+  keep(names) {
+    for (const [name, { label }] of this.boxes) {
+      if (names.has(name)) continue;
+      label.remove();
+      this.boxes.delete(name);
+    }
+    for (const kind of [".field", ".group"]) {
+      for (const element of this.place.querySelectorAll(kind)) if (element.querySelector("label") === null) element.remove();
+    }
+    this.place.hidden = false;
   }
 
   branch(kind, text, unit) {

@@ -66,6 +66,13 @@ export class View {
     this.setWindow(t - (t - this.from) * factor, t + (this.to - t) * factor);
   }
 
+  // Nothing is asked for that the log cannot have.
+  keep(names) {
+    this.names = names;
+    const instead = (name) => (names.has(name) ? name : name.replace(/^left\./, "right.")); // of the arm that is there
+    this.signals = [...new Set(this.signals.map(instead))].filter((name) => names.has(name));
+  }
+
   toggle(name, on) {
     this.signals = on ? [...this.signals, name] : this.signals.filter((signal) => signal !== name);
     this.tell("signals");

@@ -1,27 +1,24 @@
-"""What a worker does: the repetitions of a hit, each seen by every tuning."""
+"""The work of a worker: the repetitions of a hit, each judged by every tuning."""
 
 import time
 from collections.abc import Sequence
-from functools import lru_cache
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from hal.pad import Pad
+from hal.base.configuration import ConfigurationError
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.seeds import seed_of
-from rtstack.model.cell_description import ArmMounting
-from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.arm.study import ArmRun, ArmStudy
+from rtstack.papers.aim_aware.arm.hits import Learner, hit_case, plan_case, prepare_hit
+from rtstack.papers.aim_aware.arm.study import ArmRun
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.planar.parameters import Task
-from rtstack.papers.aim_aware.platform.cell import open_platform_cell
-from rtstack.papers.aim_aware.platform.hit import Hit, hit
-from rtstack.papers.aim_aware.platform.plan import HitPlan, plan_hit
+from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit
+from rtstack.papers.aim_aware.platform.plan import HitPlan
+from rtstack.papers.aim_aware.platform.setup import platform_cell_file
 from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
+from rtstack.papers.demonstrations import campaign_record
+from rtstack.trials.record import WholeRunLog, cell_attachments, whole_run_log
 
-Twist = tuple[float, float, float]
 JUDGED = "judged"
 
 
@@ -29,54 +26,60 @@ def columns(run: ArmRun) -> dict[str, Any]:
     """Return the columns of the results: name -> type."""
     known: dict[str, Any] = {
         "approach_deg": float, "location_m": float, "inclination_deg": float, "repetition": int, "seed": int,
-        "stopped": str, "impacts": int, "first_ms": float, "last_ms": float,
+        "contact": int, "stopped": str, "impacts": int, "first_ms": float, "last_ms": float,
     }  # fmt: skip
     return known | verdict_columns(run.monitors())
 
 
-@lru_cache(maxsize=16)
-def _planned(
-    mounting: ArmMounting, pad: Pad, task: Task, approach_deg: float, location_m: float, twist: Twist
-) -> HitPlan:
-    return plan_hit(mounting, pad, task, np.radians(approach_deg), location_m, np.array(twist))
-
-
-def plan_case(study: ArmStudy, case: Case, twist: Twist) -> HitPlan:
-    """Plan the impact of a case; twist: of the pad after it, as learned."""
-    return _planned(study.mounting, study.pad, study.task, case.approach_deg, case.location_m, twist)
-
-
-def hit_case(
-    study: ArmStudy, case: Case, plan: HitPlan, monitoring: MonitorParameters, seed: int, until: int | None = None
-) -> Hit:
-    """Hit the platform, in a cell of its own."""
-    a, b, c, d, e, f, g = map(float, plan.q_start)
-    cell = open_platform_cell(study.setup, (a, b, c, d, e, f, g), case.inclination_deg, seed)
-    try:
-        return hit(cell.left, study.hitter, plan, monitoring, until)
-    finally:
-        cell.close()
-
-
 def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit, int]:
-    """Return a case of the report: the impact, the hit and its seed."""
+    """Return a case of the report: the impact, the hit and its seed. Writes the hit's log where the run has a folder
+    for logs."""
     plan = plan_case(run.study, case, run.tuned.learned[f"{case.approach_deg:g}"])
     seed = seed_of(run.study.seed, JUDGED, case.id)
-    monitoring = next(iter(run.monitors().values()))  # all see the same impacts
-    done = hit_case(run.study, case, plan, monitoring, seed)
+    monitoring = next(iter(run.monitors().values()))  # all tunings have the same detection
+    prepared = prepare_hit(run.study, case, plan, monitoring, seed)
+    log = _log(run, case, prepared)
+    done = hit_case(run.study, case, prepared, log, run.cell)
+    if log is not None and not log.path.exists():
+        raise OSError(done.failure_reason)
     return Impact(case, plan, done.ticks), done, seed
 
 
+def _log(run: ArmRun, case: Case, prepared: PreparedHit) -> WholeRunLog | None:
+    """Return the log of a hit, LOGS/ID.mcap; None where the run has no folder for logs."""
+    if run.logs is None:
+        return None
+    return whole_run_log(
+        run.logs.path / f"{case.id}.mcap", prepared.specification, prepared.description,
+        cell_attachments(platform_cell_file(), prepared.description), run.cell,
+        campaign=campaign_record(case, run.logs.digest),
+    )  # fmt: skip
+
+
+def learned_at(run: ArmRun, case: Case) -> tuple[ArmRun, str]:
+    """Return the study with the contact of a case and the velocity learned with it; the reason if that failed."""
+    at, learner = run.at(case.contact), Learner(run.at(case.contact).study)
+    if not case.contact:
+        return at, ""
+    nominal, failed = learner.nominal([case.approach_deg]), ""
+    try:
+        learned = learner.learn(nominal, run.tuned.residual_rate_nm_s)
+    except ConfigurationError as error:
+        learned, failed = {f"{case.approach_deg:g}": learner.prior(case)}, str(error)
+    return replace(at, tuned=replace(at.tuned, learned=learned)), failed
+
+
 def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
-    """Return a row for each case. stopped: why the robot or the judge ended the hit, else empty."""
+    """Return a row for each case. stopped: reason if the robot or the safety judge ended the hit."""
     began_s = time.process_time()
     rows: list[Row] = []
+    run, failed = learned_at(run, cases[0])
     for case in cases:
         impact, done, seed = judged_case(run, case)
         row: Row = {
             "id": case.id, "approach_deg": case.approach_deg, "location_m": case.location_m,
             "inclination_deg": case.inclination_deg, "repetition": case.repetition, "seed": seed,
-            "stopped": done.stopped,
+            "contact": case.contact, "stopped": failed or done.stopped,
         }  # fmt: skip
         rows.append(row | verdicts(impact, run.monitors()))
     cpu_s = (time.process_time() - began_s) / len(rows)

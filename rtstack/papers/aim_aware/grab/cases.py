@@ -1,4 +1,4 @@
-"""The trials by which the grab's monitor is judged: a TOML file, fixed before it is run, and the cases that follow."""
+"""The trials that judge the grab's monitor: a plan file, and the cases that it makes."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, Positive, load_toml
+from hal.base.configuration import STRICT, ConfigurationError, Positive, load_toml
+from rtstack.experiments.registration import PlannedClaim, Registration
 from rtstack.experiments.seeds import seed_of
 from rtstack.monitor.expected import ExpectedImpact
-from rtstack.papers.conditions import Conditions
-from rtstack.papers.reference import Reference
+from rtstack.papers.conditions import Conditions, Reference
 from rtstack.trials.unexpected import Unexpected
 
 Count = Annotated[int, Field(ge=1, le=10_000)]
@@ -22,7 +22,7 @@ FIRST_PUSH_S = 0.3  # since the first motion
 
 
 class FaultKind(StrEnum):
-    """What goes wrong; the order in which faults are dealt out."""
+    """Faults, in the order in which they are assigned to trials."""
 
     MISSING = "object missing"
     SHIFTED = "shifted 60 mm"
@@ -30,13 +30,13 @@ class FaultKind(StrEnum):
     LIGHT = "1/3 of the mass"
     TILTED = "tilted 15 deg"
     PUSH = "pushed by 40 N"
-    # beside the mark, for the confusion table: what the classification can say besides
+    # not in the mark, for the confusion table only
     WIDER = "40 mm wider"
     NARROWER = "40 mm narrower"
     FAR_SIDE = "one side 120 mm away"
 
 
-MARKED = tuple(FaultKind)[:6]  # what the mark counts
+MARKED = tuple(FaultKind)[:6]  # counted by the mark
 FURTHER = tuple(FaultKind)[6:]
 
 # what a classification that is right says
@@ -98,7 +98,7 @@ class JudgedSet:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Judged:
-    """The study as its file has it. sets: one an object; the mark is that of the first one."""
+    """The study as its file has it. sets: one an object; the exit status follows the marks of the first one."""
 
     kind: Literal["aim-aware-grab"]
     name: str
@@ -108,6 +108,8 @@ class Judged:
     sets: Annotated[tuple[JudgedSet, ...], Field(min_length=1)]
     faults: Faults
     conditions: Conditions
+    claims: tuple[PlannedClaim, ...]
+    registration: Registration | None
     quick: bool = False
 
     @property
@@ -119,9 +121,9 @@ class Judged:
         """Number of cases."""
         return len(self.cases())
 
-    def cases(self) -> list["Case"]:
+    def cases(self) -> list["GrabCase"]:
         """Return all cases, good and faulty in turn, so that what was run of them is a sample of both."""
-        cases, quick = list[Case](), self.quick
+        cases, quick = list[GrabCase](), self.quick
         for one in self.sets:
             good, faulty = (one.quick_good, one.quick_faulty) if quick else (one.good, one.faulty)
             further = one.quick_further if quick else one.further
@@ -134,7 +136,7 @@ class Judged:
         """Return the demonstrations that the cases follow."""
         return tuple(reference for one in self.sets for reference in one.recorded(self.quick))
 
-    def _case(self, one: JudgedSet, number: int, kind: FaultKind | None) -> "Case":
+    def _case(self, one: JudgedSet, number: int, kind: FaultKind | None) -> "GrabCase":
         what = "good" if kind is None else "further" if kind in FURTHER else "faulty"
         seed = seed_of(one.seed, what, number)
         draw = np.random.default_rng([seed, 1])
@@ -145,11 +147,11 @@ class Judged:
         elif kind is FaultKind.FAR_SIDE:  # what the object lacks, it lacks on one side
             displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.far_side_mm / 2.0
         name = f"{one.object}-{what}-{number:04d}"
-        return Case(name, number, kind, references[number % len(references)], displacement_mm, seed)
+        return GrabCase(name, number, kind, references[number % len(references)], displacement_mm, seed)
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class GrabCase:
     """One trial. fault: None for a good one; displacement along the world's y; seed: of plant, noise and moment."""
 
     id: str
@@ -192,7 +194,7 @@ def load_judged(path: Path, quick: bool = False) -> Judged:
     study = load_toml(path, Judged)
     for number, one in enumerate(study.sets):
         if {reference.object for reference in one.recorded(quick=False)} != {one.object}:
-            raise ConfigurationError(f"{path}: key sets.{number}.references: a set is of one object")
+            raise ConfigurationError(f"{path}: key sets.{number}.references: a set must have one object")
     if len(set(study.objects)) < len(study.objects):
-        raise ConfigurationError(f"{path}: key sets: two of them are of one object")
+        raise ConfigurationError(f"{path}: key sets: two sets have the same object")
     return replace(study, quick=quick)

@@ -1,26 +1,31 @@
-"""The judgement of the grab's monitor as a kind of experiment: good and faulty grabs that its tuning never saw."""
+"""Experiment kind that judges the grab's monitor, on good and faulty grabs that it was not tuned on."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.registration import check_claims
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
-from rtstack.papers.aim_aware.grab.cases import Case, Judged, load_judged
+from rtstack.papers.aim_aware.grab.cases import GrabCase, Judged, load_judged
 from rtstack.trials.errors import TrialError
 
 
-class GrabStudy(Experiment[Judged, Case]):
-    """Good grabs of several objects, and grabs in which something goes wrong: does the monitor know which?"""
+class GrabStudy(Experiment[Judged, GrabCase]):
+    """Good grabs of several objects, and grabs with a fault, judged by the monitor."""
+
+    options = frozenset({"cell"})
 
     def __init__(self, specification: Judged, request: Request) -> None:
         from rtstack.cells import load_description
-        from rtstack.papers.aim_aware.grab.worker import Finding, GrabBench
+        from rtstack.papers.aim_aware.grab.report import JUDGES
+        from rtstack.papers.aim_aware.grab.worker import GrabBench, GrabOutcome
         from rtstack.papers.demonstrations import Bench
         from rtstack.papers.simulated_cell import plant_files
         from rtstack.trials.monitoring import tuning_of
         from rtstack.trials.scoring import SuccessCriterion
 
+        check_claims(request.file.path, specification.claims, JUDGES)
         monitors, self._tunings = {}, {}
         for name in specification.objects:
             tuning = tuning_of(name)
@@ -30,9 +35,9 @@ class GrabStudy(Experiment[Judged, Case]):
                 )
             monitors[name], self._tunings[name] = tuning.monitor, tuning.provenance
         cell_file = load_description(None)[1]
-        sources = [request.file.path, cell_file, *plant_files()]
-        super().__init__(specification, request, columns_of(Finding), sources, also=monitors)
-        bench = Bench(request.out, cell_file, SuccessCriterion(), self.digest)
+        sources = [cell_file, *plant_files()]
+        super().__init__(specification, request, columns_of(GrabOutcome), sources, also=monitors)
+        bench = Bench(request.out, request.simulated_cell, cell_file, SuccessCriterion(), self.digest)
         self._grab = GrabBench(bench, specification.conditions, specification.faults, monitors)
 
     @classmethod
@@ -45,15 +50,17 @@ class GrabStudy(Experiment[Judged, Case]):
         from rtstack.papers.demonstrations import recording_stages
 
         study = self.specification
-        unrecorded = yield from recording_stages(self._grab.bench, study.recorded(), study.conditions, study.seed)
+        unrecorded = yield from recording_stages(
+            self._grab.bench, study.recorded(), lambda _: study.conditions, study.seed
+        )
         for name, reason in unrecorded.items():
             raise TrialError(f"the reference {name} could not be recorded: {reason}")
 
-    def cases(self, rows: Sequence[Row]) -> list[Case]:
+    def cases(self, rows: Sequence[Row]) -> list[GrabCase]:
         """Return all cases."""
         return self.specification.cases()
 
-    def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
+    def tasks(self, cases: Sequence[GrabCase]) -> Iterable[Task]:
         """Return a task for each case."""
         from rtstack.papers.aim_aware.grab.worker import run_case
 
@@ -63,4 +70,4 @@ class GrabStudy(Experiment[Judged, Case]):
         """See rtstack.papers.aim_aware.grab.report."""
         from rtstack.papers.aim_aware.grab.report import report
 
-        return report(self._tunings, results)
+        return report(self._tunings, results, self.specification.claims)

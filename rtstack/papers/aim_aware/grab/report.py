@@ -1,21 +1,24 @@
-"""What the findings say: faults found, false alarms, time to the verdict, and which fault was taken for which."""
+"""Report of the grab's monitor: faults found, false alarms, time to the verdict and the confusion of faults."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 
-from rtstack.experiments.claims import Claim, ClaimStatus, verdict_of
+from rtstack.experiments.claims import ClaimStatus, at_least, at_most
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.page import PAGE
+from rtstack.experiments.registration import Finding, Judge, PlannedClaim, judged
 from rtstack.experiments.report import Figure, Report, Section
 from rtstack.experiments.statistics import Interval, proportion
+from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.papers.aim_aware.grab.cases import FURTHER, TRUE_KIND, FaultKind
-from rtstack.papers.aim_aware.grab.figures import figure_delays
-from rtstack.papers.aim_aware.grab.worker import Finding
+from rtstack.papers.aim_aware.grab.worker import GrabOutcome
 from rtstack.trials.unexpected import Unexpected
 
 WANTED_FOUND, WANTED_FALSE = 0.99, 0.01  # the mark
@@ -46,11 +49,11 @@ class Summary:
     false_alarms: Interval | None
     lines: tuple[Line, ...]
     confusion: dict[str, dict[str, int]]
-    wrong: tuple[Finding, ...]
+    wrong: tuple[GrabOutcome, ...]
 
     @property
     def reached(self) -> bool:
-        """Whether the mark is reached."""
+        """True if the mean shares reach the marks."""
         found, alarms = self.found, self.false_alarms
         return found is not None and alarms is not None and found.mean >= WANTED_FOUND and alarms.mean <= WANTED_FALSE
 
@@ -69,8 +72,8 @@ class Summary:
         }  # fmt: skip
 
 
-def summarise(findings: Sequence[Finding]) -> Summary:
-    """Return what the findings say."""
+def summarise(findings: Sequence[GrabOutcome]) -> Summary:
+    """Return the summary of the findings."""
     faulty = [finding for finding in findings if finding.fault is not None and finding.fault not in FURTHER]
     good = [finding for finding in findings if finding.fault is None]
     confusion: dict[str, Counter[str]] = {}
@@ -86,11 +89,11 @@ def summarise(findings: Sequence[Finding]) -> Summary:
     )
 
 
-def _said(finding: Finding) -> str:
+def _said(finding: GrabOutcome) -> str:
     return finding.kind or finding.verdict
 
 
-def _line(fault: FaultKind | None, findings: Sequence[Finding]) -> Line:
+def _line(fault: FaultKind | None, findings: Sequence[GrabOutcome]) -> Line:
     delays = [1e3 * f.delay_s for f in findings if f.right and f.delay_s is not None]
     spread = tuple(round(float(x), 1) for x in np.percentile(delays, (50, 95, 100))) if delays else None
     true = NOTHING if fault is None else TRUE_KIND[fault]
@@ -107,17 +110,6 @@ def _values(interval: Interval | None) -> dict[str, float | None] | None:
     return None if interval is None else {"share": interval.mean, "low": interval.low, "high": interval.high}
 
 
-def table(summary: Summary) -> str:
-    """Return the summary as lines for a terminal."""
-    lines = [f"{'':20}{'trials':>7}{'right':>7}{'kind':>6}  ms to the verdict: median, 95 %, largest"]
-    for line in summary.lines:
-        delay = "-" if line.delay_ms is None else ", ".join(f"{x:z.0f}" for x in line.delay_ms)
-        lines.append(f"{line.name:20}{line.trials:7}{line.right:7}{line.classified:6}  {delay}")
-    lines.append(f"faults found: {_share(summary.found)} (wanted: at least 99 %)")
-    lines.append(f"false alarms: {_share(summary.false_alarms)} (wanted: at most 1 %)")
-    return "\n".join(lines)
-
-
 def _share(interval: Interval | None) -> str:
     if interval is None:
         return "nothing was run"
@@ -126,16 +118,19 @@ def _share(interval: Interval | None) -> str:
     return f"{100.0 * interval.mean:.1f} %, 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %"
 
 
-def report(tunings: Mapping[str, Mapping[str, Any]], results: Results) -> Report:
-    """Return the report, a part for each object. tunings: object -> provenance; the mark is that of the first one."""
-    names = [field.name for field in fields(Finding)]
-    findings = [Finding(**{name: row[name] for name in names}) for row in results.rows]
+def report(tunings: Mapping[str, Mapping[str, Any]], results: Results, claims: Sequence[PlannedClaim] = ()) -> Report:
+    """Return the report, a part for each object. tunings: object -> provenance; the mark is of the first one."""
+    names = [field.name for field in fields(GrabOutcome)]
+    findings = [GrabOutcome(**{name: row[name] for name in names}) for row in results.rows]
     summaries = {name: summarise([f for f in findings if f.object == name]) for name in tunings}
-    parts = [Section(name, _claims(summary), numbers=summary.as_dict()) for name, summary in summaries.items()]
+    parts = [Section(name, judged(claims, JUDGES, each), numbers=each.as_dict()) for name, each in summaries.items()]
     draw = partial(figure_delays, findings=findings, objects=list(tunings))
     return Report(
         parts, [Figure("delays.png", CAPTION, draw)], page=("rtstack.papers.aim_aware.grab", PAGE),
-        summary="\n\n".join(f"{name}\n{table(summary)}" for name, summary in summaries.items()),
+        summary="\n".join(
+            f"{name}: faults found: {_share(each.found)}; false alarms: {_share(each.false_alarms)}"
+            for name, each in summaries.items()
+        ),
         reached=next(iter(summaries.values())).reached,
         values={
             "summaries": summaries, "tunings": tunings, "share": _share, "wanted": (WANTED_FOUND, WANTED_FALSE),
@@ -144,19 +139,57 @@ def report(tunings: Mapping[str, Mapping[str, Any]], results: Results) -> Report
     )  # fmt: skip
 
 
-def _claims(summary: Summary) -> list[Claim]:
-    found, alarms = summary.found, summary.false_alarms
-    unknown = ClaimStatus.UNDECIDED
-    return [
-        Claim("mark", f"at least {100.0 * WANTED_FOUND:g} % of the faults are found", _share(found),
-              unknown if found is None else verdict_of(found.mean >= WANTED_FOUND), _missed(summary)),
-        Claim("mark", f"at most {100.0 * WANTED_FALSE:g} % of the good grabs are false alarms", _share(alarms),
-              unknown if alarms is None else verdict_of(alarms.mean <= WANTED_FALSE)),
-    ]  # fmt: skip
+def _found(summary: Summary, at: Any) -> Finding:
+    found = summary.found
+    return Finding(_share(found), _told(found, at_least(found, WANTED_FOUND)), _missed(summary))
+
+
+def _alarms(summary: Summary, at: Any) -> Finding:
+    alarms = summary.false_alarms
+    return Finding(_share(alarms), _told(alarms, at_most(alarms, WANTED_FALSE)))
+
+
+def _told(share: Interval | None, verdict: ClaimStatus) -> ClaimStatus:
+    """Return the verdict; UNDECIDED for fewer than two trials."""
+    return verdict if share is not None and share.n > 1 else ClaimStatus.UNDECIDED
+
+
+JUDGES: dict[str, Judge] = {"faults found": _found, "false alarms": _alarms}
 
 
 def _missed(summary: Summary) -> str:
-    """Say which faults of the mark were not found, and whether the grab succeeded all the same."""
+    """Return the faults of the mark that were not found, and whether the grab succeeded."""
     missed = [finding for finding in summary.wrong if finding.fault is not None and finding.fault not in FURTHER]
     grabs = "; ".join(f"{each.fault}, a grab that {'succeeded' if each.success else 'failed'}" for each in missed)
     return f"Not found: {grabs}." if missed else ""
+
+
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00")  # Okabe and Ito's, one an object
+HEIGHT = 0.6  # of an object's share of a row, in which its dots are spread
+
+
+@mpl.rc_context(STYLE)
+def figure_delays(path: Path, findings: Sequence[GrabOutcome], objects: Sequence[str]) -> None:
+    """Draw the time to the verdict, a row a kind of trial, a colour an object, with the medians."""
+    kinds = (None, *FaultKind)
+    figure, axes = new_figure(7.5, 0.6 + 0.5 * len(kinds))
+    axis = axes[0, 0]
+    share = 1.0 / len(objects)
+    for number, name in enumerate(objects):
+        colour = COLOURS[number % len(COLOURS)]
+        axis.plot([], [], "o", color=colour, markersize=4, label=name.replace("_", " "))
+        for row, kind in enumerate(kinds):
+            right = [f for f in findings if f.object == name and f.fault == kind and f.right]
+            delays = [1e3 * f.delay_s for f in right if f.delay_s is not None]
+            if not delays:
+                continue
+            middle = row - 0.5 + (number + 0.5) * share
+            spread = middle + HEIGHT * share * (np.modf(np.arange(len(delays)) * 0.618)[0] - 0.5)
+            axis.plot(delays, spread, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0, zorder=3)
+            axis.plot([np.median(delays)] * 2, middle + np.array([-0.5, 0.5]) * share, color="black", linewidth=1.0)
+    axis.set_yticks(range(len(kinds)), ["good", *map(str, FaultKind)])
+    axis.set_ylim(len(kinds) - 0.5, -0.5)
+    axis.grid(axis="y", visible=False)
+    axis.set_xlabel("ms to the verdict (bar: median)")
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(objects))
+    save(figure, path)

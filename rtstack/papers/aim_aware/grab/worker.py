@@ -8,13 +8,13 @@ from pathlib import Path
 from rtstack.experiments.experiment import Row
 from rtstack.model.cell_description import load_cell_description
 from rtstack.monitor.pair import PairParameters
-from rtstack.papers.aim_aware.grab.cases import Case, FaultKind, Faults
-from rtstack.papers.conditions import Conditions
+from rtstack.papers.aim_aware.grab.cases import FaultKind, Faults, GrabCase
+from rtstack.papers.conditions import Conditions, Reference
 from rtstack.papers.demonstrations import RECORDINGS, Bench
-from rtstack.papers.reference import Reference
-from rtstack.papers.simulated_cell import open_conditioned_cell
+from rtstack.papers.simulated_cell import WorkerHost, conditioned_cell
+from rtstack.trials.carry_out import carry_out
 from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
+from rtstack.trials.trial import PreparedTrial, prepare_trial
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class GrabBench:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class GrabOutcome:
     """What became of a case. Times in s from the start of the trial; onset_s: of what went wrong, or of the impact."""
 
     id: str
@@ -77,25 +77,22 @@ def _prepared(cell_file: Path, out: Path, reference: Reference, monitor: PairPar
     return prepare_trial(specification, load_cell_description(cell_file), monitor=monitor)
 
 
-def run_case(grab: GrabBench, case: Case) -> list[Row]:
+def run_case(grab: GrabBench, case: GrabCase) -> list[Row]:
     """Run a case. Returns its finding as a row."""
     bench = grab.bench
     prepared = _prepared(bench.cell_file, bench.out, case.reference, grab.monitors[case.reference.object])
     assert prepared.reference.impact is not None  # it is a demonstration
     script = case.script(grab.faults, prepared.reference.impact)
     specification = replace(prepared.specification, displacement_mm=case.displacement_mm, seed=case.seed)
-    prepared = replace(prepared, specification=specification)
-    cell = open_conditioned_cell(
-        case.reference.object, case.displacement_mm * 1e-3, case.seed, grab.conditions, script,
+    prepared = replace(prepared, specification=specification, criterion=bench.criterion)
+    built = conditioned_cell(
+        case.reference.object, specification.displacement, case.seed, grab.conditions, script,
         case.wider_mm(grab.faults),
     )  # fmt: skip
-    try:
-        result = run_trial(prepared, cell, criterion=bench.criterion)
-    finally:
-        cell.close()
+    result = carry_out(prepared, WorkerHost(built, bench.cell))
     nominal_s = result.nominal_impact_time_s
     hit_s = result.detected_impact_time_s if result.detected_impact_time_s is not None else nominal_s
-    finding = Finding(
+    finding = GrabOutcome(
         id=case.id,
         fault=case.fault,
         reference=case.reference.name,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, NotNegative, Positive, Real
+from hal.base.configuration import STRICT, NotNegative, Positive, Real
 
 Three = tuple[Positive, Positive, Positive]
 

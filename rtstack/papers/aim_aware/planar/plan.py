@@ -5,11 +5,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from rtstack.papers.aim_aware.planar.dynamics import absolute, coriolis, inertia, tip, weight
-from rtstack.papers.aim_aware.planar.impact import simultaneous_impact
 from rtstack.papers.aim_aware.planar.parameters import Gains, PlanarArm, Task
 from rtstack.references.quintic import ViaPoint, quintic_path
+
+
+class InfeasibleImpact(ValueError):
+    """A plan in which a contact would have to pull: its corners do not hit, and stay, together."""
+
+
+def simultaneous_impact(M_r: Array, J_N: Array, dq: Array) -> tuple[Array, Array]:
+    """Return the velocity (n,) after the impact and the impulses (m,), Ns, of its m contacts: (4).
+
+    M_r (n, n) has the motors' inertia, J_N (m, n) the contacts' normals. Raises InfeasibleImpact for a negative
+    impulse: the contacts are unilateral, and (4) is not.
+    """
+    n, m = len(dq), len(J_N)
+    system = np.block([[M_r, -J_N.T], [J_N, np.zeros((m, m))]])
+    solution = np.linalg.solve(system, np.concatenate([M_r @ dq, np.zeros(m)]))
+    impulses = solution[n:]
+    if (impulses < 0.0).any():
+        raise InfeasibleImpact(f"the impact map gives a negative impulse, {impulses.min():.3g} Ns")
+    return solution[:n], impulses
+
 
 Reference = tuple[Array, Array, Array]  # position, velocity, acceleration, (ticks, 3) each
 

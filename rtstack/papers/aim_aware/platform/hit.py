@@ -1,29 +1,43 @@
-"""One hit: the tick of the real arms for one of them, with the monitor in the loop that switches its references."""
+"""One hit as a run of a one-arm cell: the monitor in the tick switches the references at the impact that it sees."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as checked
 
-from hal.arm import Arm
-from hal.configuration import STRICT, NotNegative, Positive
-from hal.errors import HardwareError
-from hal.pad import Pad
-from hal.state import ARM_STATE
-from rtstack.control.modes import ModeMachine, Strategy
-from rtstack.control.parameters import ControlParameters
-from rtstack.control.tick import ArmController, make_arm_controller
-from rtstack.model.arm_model import ArmModel
-from rtstack.model.cell_description import ArmMounting, tool_of
+from hal.base.configuration import STRICT, NotNegative, Positive
+from hal.cell import Cell
+from hal.compilation import bound, compiled
+from rtstack.control.modes import Strategy
+from rtstack.control.tick import CellController
+from rtstack.control.watch import UNTIL_BEFORE_S
+from rtstack.loop.end import End
+from rtstack.loop.history import Columns
+from rtstack.loop.session import SessionOutcome, SessionPlan
+from rtstack.loop.standstill import STOP_TICKS
+from rtstack.loop.timeline import TICK_NS
+from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.platform.plan import HitPlan
-from rtstack.safety.judge import Cause, SafetyJudge
-from rtstack.safety.limits import hardware_limits
-from rtstack.samples import Mode, QpStatus
+from rtstack.monitor.records import Reason, Verdict
+from rtstack.monitor.step import monitor_step
+from rtstack.papers.aim_aware.platform.plan import PERIOD_S, HitPlan
+from rtstack.samples import Mode
+from rtstack.trials.assembly import ControllerRequest, Parameters, arm_controllers, cell_parameters
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.result import Result
+from rtstack.trials.run import Run
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.scoring import failure_reason
+from rtstack.trials.specification import HitSpecification
+from rtstack.trials.start_motion import StartMotion, start_motion
+from rtstack.trials.tightening import limits_of_arms
 
 Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
+_STOPPING = Mode.STOPPING  # looked up once: an enumeration's member costs 0.1 us
 
 # what a tick leaves: time ns since the first one; rad, rad/s; residual Nm; the pad's face m, m/s and rad/s; torque Nm;
 # post: 1 once the references have switched
@@ -54,75 +68,125 @@ class HitGains:
 
 
 @dataclass(frozen=True, slots=True)
-class Hit:
-    """ticks (n,) of TICK; stopped: why the robot or the safety judge has ended it, empty where it was not stopped."""
+class Hit(Result):
+    """What came out of a hit.
+
+    ticks (n,) of TICK; stopped: why it ended before its plan did (robot, safety judge), empty where it did not.
+    """
 
     ticks: NDArray[np.void]
-    stopped: str = ""
+    stopped: str
+
+
+@compiled
+def watch(states, parameters, dq_post, samples, controls, t_ns):
+    """Let the monitor see a tick, t_ns after the first one; write what it knows into controls[0].
+
+    states, parameters: see monitor_step; dq_post (n, 7): the joint velocities (14), rad/s, a tick each. samples and
+    controls (1,): of the arm. Returns whether this tick is one of an impact (9).
+    """
+    state, sample, control = states[0], samples[0], controls[0]
+    dq_ref = dq_post[min(t_ns // TICK_NS, dq_post.shape[0] - 1)]
+    monitor_step(states, parameters, t_ns, control.momentum_residual, sample.q, sample.dq, dq_ref)
+    control.impact_verdict, control.impact_reason, control.impact_margin = state.verdict, state.reason, state.margin
+    return state.impact != 0
+
+
+class HitController(CellController):
+    """One arm, whose mode switches in the tick in which the monitor sees the first impact (9)."""
+
+    def __init__(self, plan: HitPlan, monitoring: MonitorParameters, request: ControllerRequest) -> None:
+        super().__init__(request.arms, request.modes(Strategy.NO_INTERIM))
+        (arm,) = self.arms
+        monitor = Monitor(monitoring)
+        monitor.expect(round(plan.t_d_s * 1e9), plan.q_d)
+        self._watch = bound(
+            watch, monitor.state, monitor.parameters, plan.dq_post, arm.sample, arm.control, later=(0,)
+        )  # fmt: skip
+
+    def watch(self, side: int, elapsed_ns: int) -> None:
+        """Take the monitor's impact in the place of the force detector's; see CellController."""
+        self.arms[side].impact = self.machine.mode is not _STOPPING and self._watch(elapsed_ns)
+
+
+def hit_parameters(description: CellDescription, gains: HitGains, plan: HitPlan) -> Parameters:
+    """Return the controller's numbers: the cell's, with the gains of a hit.
+
+    A hit without an impact goes on to the end of its plan: it is the monitor that says so.
+    """
+    parameters = cell_parameters(description)
+    control = replace(
+        parameters.control, stiffness=np.array(gains.stiffness), stiffness_after_impact=np.array(gains.pressing),
+        posture_gain=gains.posture, impact_patience_s=len(plan.ante) * PERIOD_S,
+    )  # fmt: skip
+    return replace(parameters, control=control)
 
 
 @dataclass(frozen=True, slots=True)
-class Hitter:
-    """The arm as its user describes it."""
-
-    mounting: ArmMounting
-    pad: Pad
-    gains: HitGains
-
-    def controller(self) -> ArmController:
-        """Return a fresh controller, which knows nothing of the arm's own parameters."""
-        return make_arm_controller(ArmModel(self.mounting, self.pad), ControlParameters())
-
-    def judge(self) -> SafetyJudge:
-        """Return a fresh judge, within the hardware's limits."""
-        limits = hardware_limits(self.mounting.robot)
-        return SafetyJudge(limits, self.mounting.base, tool_of(self.pad))
-
-
-def hit(arm: Arm, hitter: Hitter, plan: HitPlan, monitoring: MonitorParameters, until: int | None = None) -> Hit:
-    """Follow the plan on the arm, which waits at its start, for `until` ticks at most.
+class PreparedHit(PreparedRun[Hit]):
+    """A hit along a plan, for `until` ticks at most.
 
     The references switch in the tick in which the monitor sees the first impact (9); from then on the pad presses down.
+    The judge has the cell's limits; an impact is meant from UNTIL_BEFORE_S before the planned one on.
     """
-    controller, judge = hitter.controller(), hitter.judge()
-    machine = ModeMachine(Strategy.NO_INTERIM, controller.parameters, plan.t_d_s)
-    monitor = Monitor(monitoring)
-    monitor.expect(round(plan.t_d_s * 1e9), plan.q_d)
-    machine.begin(Mode.ANTE_IMPACT)
-    gains = hitter.gains
-    controller.pursue(np.array(gains.stiffness), gains.posture)
-    controller.follow(plan.ante, plan.post)
-    sample, control, work = controller.sample, controller.control, controller.workspace
-    state = sample.view(np.uint8)[: ARM_STATE.itemsize]
-    residual = control["momentum_residual"][0]
-    ticks = np.zeros(len(plan.dq_post) if until is None else until, TICK)
-    start_ns = -1
-    for k in range(len(ticks)):
-        try:
-            state[:] = arm.read().record.view(np.uint8)
-        except HardwareError as error:
-            return Hit(ticks[:k], str(error))
-        start_ns = int(sample["t_ns"][0]) if start_ns < 0 else start_ns
-        t_ns = int(sample["t_ns"][0]) - start_ns
-        controller.observe()
-        monitor.update(t_ns, residual, sample["q"][0], sample["dq"][0], plan.dq_post[k])
-        machine.update(t_ns * 1e-9, bool(monitor.state["impact"][0]))
-        if machine.mode is Mode.POST_IMPACT:
-            controller.pursue(np.array(gains.pressing), gains.posture)
-        controller.choose(k, machine)
-        status = controller.command(machine.mode)
-        judge.judge(sample, Cause.CONTROLLER if status > QpStatus.SOLVED else Cause.NONE, residual)
-        if judge.stopping:
-            return Hit(ticks[:k], judge.explanation)
-        try:
-            arm.write(sample["tau_applied"][0])
-        except HardwareError as error:
-            return Hit(ticks[:k], str(error))
-        controller.applied()
-        tick = ticks[k]
-        tick["t_ns"], tick["post"] = t_ns, machine.mode is Mode.POST_IMPACT
-        for name in ("q", "dq"):
-            tick[name] = sample[name][0]
-        tick["residual"], tick["tau_d"] = residual, sample["tau_applied"][0]
-        tick["position"], tick["twist"] = work["position"][0], work["twist"][0]
-    return Hit(ticks)
+
+    specification: HitSpecification
+    gains: HitGains
+    plan: HitPlan
+    monitoring: MonitorParameters
+    until: int | None = None
+
+    def start_motion(self, cell: Cell) -> StartMotion | None:
+        """See PreparedRun: to the start of the plan."""
+        return start_motion(cell, self.description, self.specification.object, start=self.plan.ante[:1])
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> Hit:
+        """See PreparedRun."""
+        plan, description = self.plan, self.description
+        pressed_s = (len(plan.ante) + STOP_TICKS) * PERIOD_S  # the pad still presses while the arm comes to rest
+        session_plan = SessionPlan(
+            plan.ante[None, : self.until], plan.post[None, : self.until], Mode.ANTE_IMPACT,
+            np.array(self.gains.stiffness), PERIOD_S, impact_s=(plan.t_d_s - UNTIL_BEFORE_S, pressed_s),
+        )  # fmt: skip
+        parameters = hit_parameters(description, self.gains, plan)
+        with Run(description, parameters, session_plan, limits_of_arms(description), context, way) as run:
+            outcome = run.follow(cell, partial(HitController, plan, self.monitoring), plan.t_d_s)
+            columns = run.history.columns()
+            ticks = ticks_of(columns, description, parameters)
+            if outcome.end in (End.SAFETY, End.QP):
+                ticks = ticks[:-1]  # the last one's torque was the judge's
+            result = _result(outcome, columns, run)
+            incomplete = run.close(result)
+        reason = result["failure_reason"] or incomplete
+        followed = outcome.end is End.COMPLETED or len(ticks) == session_plan.ticks
+        return Hit(reason is None, reason, ticks, "" if followed else outcome.detail or str(outcome.end))
+
+
+def ticks_of(columns: Columns, description: CellDescription, parameters: Parameters) -> NDArray[np.void]:
+    """Return the ticks (n,) of TICK in which a hit's references were followed, of its run's samples."""
+    (arm,) = arm_controllers(description, parameters)
+    mode = columns.control[0]["mode"]
+    following = (mode == Mode.ANTE_IMPACT) | (mode == Mode.POST_IMPACT)
+    samples, control = columns.arm[0][following], columns.control[0][following]
+    ticks = np.zeros(len(samples), TICK)
+    if len(ticks):
+        ticks["t_ns"] = samples["t_ns"] - samples["t_ns"][0]
+    ticks["q"], ticks["dq"], ticks["tau_d"] = samples["q"], samples["dq"], samples["tau_applied"]
+    ticks["residual"], ticks["post"] = control["momentum_residual"], control["mode"] == Mode.POST_IMPACT
+    for tick in ticks:
+        arm.sample["q"][0], arm.sample["dq"][0] = tick["q"], tick["dq"]
+        arm.observe()
+        tick["position"], tick["twist"] = arm.workspace["position"][0], arm.workspace["twist"][0]
+    return ticks
+
+
+def _result(outcome: SessionOutcome, columns: Columns, run: Run) -> dict[str, Any]:
+    """Return what the log keeps of how a hit ended."""
+    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+    last = columns.control[0][-1] if columns.control.shape[1] else np.zeros(1, columns.control.dtype)[0]
+    return {
+        "success": reason is None, "failure_reason": reason, "detected_impact_time_s": run.first_impact_s,
+        "impact_verdict": Verdict(int(last["impact_verdict"])).name.lower(),
+        "impact_reason": Reason(int(last["impact_reason"])).name.lower(),
+        "impact_margin": float(last["impact_margin"]), "safety_interventions": outcome.safety_interventions,
+    }  # fmt: skip

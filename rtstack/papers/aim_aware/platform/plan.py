@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.base.arrays import Array
 from hal.pad import Pad
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
@@ -62,7 +62,7 @@ def joints_at(model: ArmModel, q: Array, x: Array) -> Array:
     """
     q = q.copy()
     for _ in range(ITERATIONS):
-        J = plane_jacobian(model, q)
+        J = face_jacobian(model, q)[np.ix_(AXES, IN_PLANE)]  # x, z m/s and pitch rad/s by joints 2, 4 and 6
         T = model.R7 @ model.R_joint_ee
         position = model.p7 + model.R7 @ model.face
         pitch = np.arctan2(-T[0, 2], -T[2, 2])  # of the pad's normal, which looks down at 0
@@ -71,11 +71,6 @@ def joints_at(model: ArmModel, q: Array, x: Array) -> Array:
             return q
         q[IN_PLANE] += np.linalg.solve(J, error)
     raise ValueError(f"x = {x[0]:.3g} m, z = {x[1]:.3g} m is out of the arm's reach")
-
-
-def plane_jacobian(model: ArmModel, q: Array) -> Array:
-    """Return (3, 3): x, z m/s and pitch rad/s by joints 2, 4 and 6; the model is at q, at rest, afterwards."""
-    return face_jacobian(model, q)[np.ix_(AXES, IN_PLANE)]
 
 
 def face_jacobian(model: ArmModel, q: Array) -> Array:

@@ -1,0 +1,1 @@
+"""What the console knows of the running robot process."""

@@ -1,0 +1,126 @@
+"""What one arm last said, and how old that is, from its rings."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.robot_errors import error_names
+from hal.state import RobotMode
+from rtstack.log.ring import Rings
+from rtstack.loop.standstill import REST_DQ
+from rtstack.model.cell_description import ArmMounting, Frame, base_frame
+from rtstack.model.rotation import quaternion_from_rotation
+from rtstack.samples import Mode
+
+_PEAK_SAMPLES = 3  # 60 ms: a page sees a view every 50 ms
+_GAP_NS = 200_000_000  # a longer one is no motion that was seen
+NEVER_S = 1e6  # an age before the first record
+
+
+@dataclass(frozen=True, slots=True)
+class ArmView:
+    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it.
+
+    Of its pad: the force now and the largest of the last 60 ms, so that no view misses an impact's spike; the speed
+    that is asked of it by hand, and the one that it has, from the way of the last 20 ms.
+    """
+
+    robot_mode: str
+    errors: tuple[str, ...]
+    mode: str
+    age_s: float
+    success_rate: float
+    force_n: float | None = None
+    speed_m_s: float | None = None
+    peak_force_n: float | None = None
+    pad_speed_m_s: float | None = None
+
+
+class ArmWatch:
+    """Follows one arm's rings."""
+
+    def __init__(self, rings: Rings, side: str, mounting: ArmMounting) -> None:
+        self._base = base_frame(mounting)
+        self.measured: NDArray[np.float64] | None = None
+        self.told: NDArray[np.float64] | None = None
+        self.force: NDArray[np.float64] | None = None
+        self._arm = rings.reader(f"/{side}/arm")
+        self._control = rings.reader(f"/{side}/control")
+        self.t_ns = 0  # robot's time of the newest state
+        self.changed_s = float("-inf")  # monotonic time of the last new state
+        self.moved_s = float("-inf")  # monotonic time of the last new state in which a joint moved
+        self.q: NDArray[np.float64] | None = None
+        self._peaks: deque[float] = deque(maxlen=_PEAK_SAMPLES)
+        self.hit: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None  # see Watch.hits
+        self._place: tuple[int, NDArray[np.float64]] | None = None  # where the pad was, t_ns and m
+
+    def view(self, now_s: float) -> ArmView:
+        """Return what the arm last said; now_s: monotonic time, s, from which its age is counted."""
+        record, control = self._arm.latest(), self._control.latest()
+        if record is None:
+            return ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
+        t_ns = int(record["t_ns"][0])
+        if t_ns != self.t_ns or self.changed_s < 0.0:
+            self.t_ns, self.changed_s = t_ns, now_s
+            if np.abs(record["dq"]).max() > REST_DQ:
+                self.moved_s = now_s
+        self.q = record["q"][0]
+        speed = self._take_pad(record[0], control)
+        rate = float(record["control_command_success_rate"][0])
+        self._peaks.append(self._largest_force())
+        return ArmView(
+            robot_mode=_name(RobotMode, record["robot_mode"][0]),
+            errors=error_names(int(record["current_errors"][0])),
+            mode="UNKNOWN" if control is None else _name(Mode, control["mode"][0]),
+            age_s=now_s - self.changed_s,
+            success_rate=rate if np.isfinite(rate) else 0.0,
+            force_n=float(np.linalg.norm(self.force)) if self.force is not None else None,
+            speed_m_s=speed,
+            peak_force_n=max(self._peaks),
+            pad_speed_m_s=self._pad_speed(t_ns, record["O_T_EE"][0][:3, 3]),
+        )
+
+    def _largest_force(self) -> float:
+        """Return the largest force on the pad since the last call, N."""
+        records = self._arm.drain()
+        if not len(records):
+            return 0.0 if self.force is None else float(np.linalg.norm(self.force))
+        sizes = np.linalg.norm(records["O_F_ext_hat_K"][:, :3], axis=1)
+        most = int(sizes.argmax())
+        if self.hit is None or sizes[most] > np.linalg.norm(self.hit[1]):
+            base, record = self._base, records[most]
+            place = base.translation + base.rotation @ record["O_T_EE"][:3, 3]
+            self.hit = place, -(base.rotation @ record["O_F_ext_hat_K"][:3])
+        return float(sizes[most])
+
+    def _pad_speed(self, t_ns: int, place: NDArray[np.float64]) -> float | None:
+        """Return the mean speed since the last call, m/s; None across a gap, and where time began anew."""
+        before, self._place = self._place, (t_ns, place)
+        if before is None or not 0 < t_ns - before[0] < _GAP_NS:
+            return 0.0 if before is not None and t_ns == before[0] else None
+        return float(np.linalg.norm(place - before[1])) / (1e-9 * (t_ns - before[0]))
+
+    def _take_pad(self, record: Any, control: NDArray | None) -> float | None:
+        """Take where the pad is, in the world, what it was told, and what it feels; return its speed, m/s."""
+        self.measured, self.force = in_world(self._base, record)
+        led = control is not None and int(control["mode"][0]) == Mode.TELEOPERATION
+        self.told = control["pose_ref"][0].copy() if led and control is not None else None
+        return float(np.linalg.norm(control["twist_ref"][0][:3])) if led and control is not None else None
+
+
+def in_world(base: Frame, record: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where a pad is, (7,) m and wxyz, and the force on it, (3,) N, in the world. record: of ARM_SAMPLE."""
+    frame, pose = record["O_T_EE"], np.zeros(7)
+    pose[:3] = base.translation + base.rotation @ frame[:3, 3]
+    quaternion_from_rotation(np.ascontiguousarray(base.rotation @ frame[:3, :3]), pose[3:])
+    return pose, -(base.rotation @ record["O_F_ext_hat_K"][:3])
+
+
+def _name(kind: type[RobotMode] | type[Mode], value: object) -> str:
+    try:
+        return kind(int(value)).name  # type: ignore[call-overload]
+    except ValueError:
+        return "UNKNOWN"

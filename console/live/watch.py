@@ -1,0 +1,280 @@
+"""What the robot last said, and how old that is: two threads that watch the rings and the robot process.
+
+A page never guesses: every number here comes from a record, and its age is counted from when a new one was seen.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from console.live.arm_watch import NEVER_S, ArmView, ArmWatch
+from console.live.cell_state import MOVED_S, UNKNOWN, CellState, Squeeze, cell_state
+from console.live.desk_watch import DeskView, DeskWatch
+from console.live.heartbeats import OperatorHeartbeats
+from console.live.loop_watch import LoopView, LoopWatch
+from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
+from rtstack.live.protocol import JobState, Status
+from rtstack.log.ring import Rings
+from rtstack.model.cell_description import CellDescription
+from rtstack.samples import Level
+
+_SAMPLE_PERIOD_S = 0.02  # how finely an age is known
+_LOOP_EVERY = 10  # samples: statistics need no more than 5 Hz
+_STATUS_PERIOD_S = 0.1
+STATUS_TIMEOUT_S = 2.0  # of the client that this module is given
+_EVENTS = 200  # the newest events that a page can open
+_PICTURES = 256  # 5 s of them: an older one is answered by no command that is applied
+
+
+@dataclass(frozen=True, slots=True)
+class EventView:
+    """An event: robot's time s (each job may begin at 0 again), Unix time s when it was seen, severity, who, what."""
+
+    number: int
+    t_s: float
+    seen_s: float
+    level: str
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where things are in the world, (7,) each of position m and quaternion wxyz: the pad of each arm, where they are
+    told to be by hand (None while they are not), and the object (None until it was seen).
+    """
+
+    pads: list[list[float]]
+    told: list[list[float]] | None
+    object: list[float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class LiveView:
+    """Everything that the live page shows, 20 times a second. number: of this picture, as commands answer it.
+
+    left, right: None for an arm that the cell does not have.
+    """
+
+    left: ArmView | None
+    right: ArmView | None
+    state: CellState
+    loop: LoopView
+    status: Status | None
+    status_age_s: float
+    unreachable: str | None
+    event: EventView | None
+    desk: tuple[DeskView, ...] = ()
+    places: Places | None = None
+    number: int = 0
+
+    @property
+    def arms(self) -> tuple[ArmView, ...]:
+        """The arms that the cell has, left before right."""
+        return tuple(arm for arm in (self.left, self.right) if arm is not None)
+
+
+class Watch:
+    """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed.
+
+    document: the view as JSON, made once for all who look.
+
+    Who asks the robot process for its status also passes on the holder's signs of life.
+    """
+
+    def __init__(
+        self, rings: Rings, client: RobotClient, heartbeats: OperatorHeartbeats, cell: CellDescription
+    ) -> None:  # fmt: skip
+        self.rings = rings
+        self._arms = {side: ArmWatch(rings, side, mounting) for side, mounting in cell.mountings.items()}
+        self.sides = cell.sides
+        self._loop = LoopWatch(rings.reader("/timing"))
+        self._desk = DeskWatch({side: mounting.desk for side, mounting in cell.mountings.items()})
+        self._squeeze = Squeeze()
+        self._runs_since: tuple[int, float] | None = None  # the job that runs, and since when, monotonic s
+        self._object = rings.reader("/object/pose")
+        self._event_reader = rings.reader("/events")
+        self._client = client
+        self._heartbeats = heartbeats
+        self._ending = threading.Event()
+        self._events: deque[EventView] = deque(maxlen=_EVENTS)
+        self._event_count = 0
+        self._job = 0  # the newest one
+        self._number = 0
+        self._pictures = [(0, 0)] * _PICTURES  # number, and when it was made, monotonic ns
+        self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
+        unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
+        self.view = self._view(
+            dict.fromkeys(self._arms, unknown), state=UNKNOWN, loop=LoopView(), status=None, status_age_s=NEVER_S,
+            unreachable=None, event=None,
+        )  # fmt: skip
+        self.document = msgspec.json.encode(self.view)
+        self._threads = [
+            threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
+            threading.Thread(target=self._watch_status, daemon=True, name="watch status"),
+        ]
+
+    def start(self) -> None:
+        """Begin to watch."""
+        self._desk.start()
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End both threads."""
+        self._desk.close()
+        self._ending.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join()
+
+    def events(self) -> tuple[EventView, ...]:
+        """Return the newest events, oldest first."""
+        return tuple(self._events)
+
+    def q(self) -> NDArray[np.float64] | None:
+        """Return the arms' joints, (arms, 7) rad, None until all have spoken."""
+        return _all([arm.q for arm in self._arms.values()])
+
+    def measured(self) -> NDArray[np.float64] | None:
+        """Return the pads' poses in the world, (arms, 7) position m and quaternion wxyz, None until all have spoken."""
+        return _all([arm.measured for arm in self._arms.values()])
+
+    def command(self) -> NDArray[np.float64] | None:
+        """Return the poses that a teleoperation asks of the arms, as `measured`; None while there is none."""
+        return _all([arm.told for arm in self._arms.values()])
+
+    def forces(self) -> NDArray[np.float64] | None:
+        """Return the forces on the pads, (arms, 3) N in the world, None until all have spoken."""
+        return _all([arm.force for arm in self._arms.values()])
+
+    def picture_ns(self, number: int) -> int | None:
+        """Return when a picture was made, monotonic ns; None where there was none of this number, or long ago."""
+        known, made_ns = self._pictures[number % _PICTURES]
+        return made_ns if known == number > 0 else None
+
+    def robot_time_s(self) -> float:
+        """Return the robot's time of the first arm's newest state, s; each job may begin at 0 again."""
+        return next(iter(self._arms.values())).t_ns * 1e-9
+
+    def hits(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]] | None]:
+        """Return where each pad has felt most since the newest job began, (3,) m in the world, and what, (3,) N."""
+        return [arm.hit for arm in self._arms.values()]
+
+    def object_pose(self) -> NDArray[np.float64] | None:
+        """Return the object's pose, (7,) position m and quaternion wxyz, None until it was seen."""
+        record = self._object.latest()
+        if record is None or not record["seen"][0]:
+            return None
+        return np.concatenate([record["position"][0], record["orientation_wxyz"][0]])
+
+    def cameras(self) -> Mapping[str, str]:
+        """Return the shared memory of the cameras of the run, by their names."""
+        status = self._status[0]
+        return {} if status is None or status.job is None else status.job.cameras
+
+    def learn(self, status: Status) -> None:
+        """Take a status that an answer brought along, so that a page sees its own order at once."""
+        self._status = (status, time.monotonic(), None)
+
+    def _watch_rings(self) -> None:
+        samples = 0
+        loop = self.view.loop
+        while not self._ending.wait(_SAMPLE_PERIOD_S):
+            if samples % _LOOP_EVERY == 0:
+                loop = self._loop.view()
+            samples += 1
+            now_ns = time.monotonic_ns()
+            now_s = now_ns * 1e-9
+            for record in self._event_reader.drain():
+                self._event_count += 1
+                self._events.append(_event(self._event_count, record))
+            status, asked_s, unreachable = self._status
+            self._forget_hits(status)
+            views = {side: arm.view(now_s) for side, arm in self._arms.items()}
+            self._number += 1
+            self._pictures[self._number % _PICTURES] = (self._number, now_ns)
+            self.view = self._view(
+                views,
+                state=self._state(status if unreachable is None else None, now_s),
+                loop=loop,
+                status=status,
+                status_age_s=NEVER_S if asked_s is None else now_s - asked_s,
+                unreachable=unreachable,
+                event=self._events[-1] if self._events else None,
+                desk=self._desk.views,
+                places=self._places(),
+                number=self._number,
+            )
+            self.document = msgspec.json.encode(self.view)
+
+    @staticmethod
+    def _view(arms: Mapping[str, ArmView], **more: Any) -> LiveView:
+        return LiveView(arms.get("left"), arms.get("right"), **more)
+
+    def _places(self) -> Places | None:
+        pads, told, lies = self.measured(), self.command(), self.object_pose()
+        if pads is None:
+            return None
+        return Places(
+            pads.round(4).tolist(), None if told is None else told.round(4).tolist(),
+            None if lies is None else lies.round(4).tolist(),
+        )  # fmt: skip
+
+    def _forget_hits(self, status: Status | None) -> None:
+        job = None if status is None else status.job
+        # arms that a job has only just opened have not met anything
+        if job is not None and (job.number != self._job or job.state is JobState.STARTING):
+            self._job = job.number
+            for arm in self._arms.values():
+                arm.hit = None
+
+    def _state(self, status: Status | None, now_s: float) -> CellState:
+        places = self.measured()
+        self._squeeze.add(None if places is None else places[:, :3], self.forces())
+        arms = self._arms.values()
+        job = status.job if status is not None else None
+        if job is None or job.state is JobState.STARTING or not job.active:
+            self._runs_since = None
+        elif self._runs_since is None or self._runs_since[0] != job.number:
+            self._runs_since = job.number, now_s
+        led = self._runs_since is not None and all(arm.changed_s > self._runs_since[1] for arm in arms)
+        moved = any(now_s - arm.moved_s < MOVED_S for arm in arms)
+        return cell_state(status, led, moved, self._squeeze.held_n)
+
+    def _watch_status(self) -> None:
+        while not self._ending.wait(_STATUS_PERIOD_S):
+            status = self._status[0]
+            holder = status.holder if status is not None else None
+            heard = self._heartbeats.heard(holder)
+            began_s = time.monotonic()
+            try:
+                answer = self._client.beat(holder) if holder and heard else self._client.status()
+                if began_s > (self._status[1] or 0.0):  # else what `learn` took meanwhile is newer
+                    self._status = (answer, time.monotonic(), None)
+            except (RobotUnreachable, RobotRefused) as error:
+                status, asked_s, _ = self._status
+                self._status = (status, asked_s, str(error))
+
+
+def _all(values: list[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    return None if any(value is None for value in values) else np.array(values)
+
+
+def _event(number: int, record: Any) -> EventView:
+    level = int(record["level"])
+    return EventView(
+        number=number,
+        t_s=float(record["t_ns"]) * 1e-9,
+        seen_s=time.time(),
+        level=Level(level).name if level in Level._value2member_map_ else "INFO",
+        name=record["name"].decode("ascii", "replace"),
+        text=record["text"].decode("ascii", "replace"),
+    )

@@ -1,0 +1,1 @@
+"""Long questions to other processes, and their answers."""

@@ -1,0 +1,138 @@
+"""The experiment in the scene: where the object belongs and where it is put, the way of both pads, what they have met.
+
+World frame. Colours of the modes are the ones of the lights and the bands.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+
+from console.questions.trial_path import TrialPath
+from console.scene.scene import add_edges, box_edges, grown
+from console.scene.trial_plan import TrialPlan
+from hal.base.arrays import Array
+from hal.displacement import Displacement
+from rtstack.model.cell_description import CellDescription
+from rtstack.palette import MODE_STYLES
+from rtstack.samples import Mode
+
+_NOMINAL_COLOUR = (139, 148, 158)  # the idle mode's grey
+_PUT_COLOUR = (240, 180, 41)  # amber: it is not where it belongs
+HIT_COLOUR = (240, 228, 66)  # #F0E442, Okabe-Ito: of neither arm
+_ARROW_M, _ARROW_S = 0.05, 0.15  # of a velocity: at least so long, else the way of so much time
+_M_PER_N = 0.002  # of what was met: 100 N are 0.2 m
+_LEAST_N = 5.0  # the impact detector's force_high: below it nothing was met
+
+
+def in_words(put: Displacement) -> str:
+    """Return where an object is put from its place, short; empty for its place."""
+    shifts = [f"{axis} {round(1e3 * metres):+d} mm" for axis, metres in (("y", put.y_m), ("x", put.x_m)) if metres]
+    turn = [f"{np.degrees(put.yaw_rad):+.0f}\N{DEGREE SIGN}"] if put.yaw_rad else []
+    return ", ".join([*shifts, *turn])
+
+
+def segments(way: list[list[float]], dashed: bool = False) -> Array:
+    """Return the pieces (n, 2, 3) of a way; dashed: every other one."""
+    points = np.array(way)
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    return pieces[::2] if dashed else pieces
+
+
+def _colour(mode: Mode) -> tuple[int, int, int]:
+    text = MODE_STYLES[mode].colour
+    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+
+
+class ExperimentFigures:
+    """What a scene draws of the trial that the form asks for, or that runs."""
+
+    def __init__(self, scene: viser.SceneApi, cell: CellDescription) -> None:
+        self._scene, self._cell = scene, cell
+        self._drawn: tuple[TrialPlan | None, bool] = (None, False)
+        self._nodes: list[viser.SceneNodeHandle] = []
+        self._hits = [Hit(scene, side) for side in cell.sides]
+
+    def show(self, plan: TrialPlan | None, path: TrialPath | None) -> None:
+        """Draw a plan, once for each; path: None where it is not known yet."""
+        if self._drawn == (plan, path is not None):
+            return
+        self._drawn = plan, path is not None
+        for node in self._nodes:
+            node.remove()
+        self._nodes.clear()
+        if plan is None:
+            return
+        self._place(plan)
+        if path is not None:
+            self._way(path)
+
+    def show_hits(self, hits: Sequence[tuple[Array, Array] | None]) -> None:
+        """Show where each pad has felt the most, (3,) m, and what, (3,) N; None: nothing yet."""
+        for arrow, hit in zip(self._hits, hits, strict=True):
+            arrow.show(hit)
+
+    def _place(self, plan: TrialPlan) -> None:
+        description = self._cell.objects.get(plan.object)
+        if description is None:
+            return
+        size, put = grown(description.size), plan.displacement  # around the box, where it stands there
+        at = np.array([0.0, 0.0, self._cell.table.top_z + description.size[2] / 2.0])
+        self._lines("nominal", box_edges(size, at, 0.0), _NOMINAL_COLOUR, 2.0)
+        words = in_words(put)
+        if not words:
+            return
+        there = at + (put.x_m, put.y_m, 0.0)
+        self._lines("put", box_edges(size, there, put.yaw_rad), _PUT_COLOUR, 3.0)
+        above = there + (0.0, 0.0, size[2] / 2.0 + 0.03)
+        self._nodes.append(self._scene.add_label("/trial/shift", words, position=above, anchor="bottom-center"))
+
+    def _way(self, path: TrialPath) -> None:
+        ante, post = _colour(Mode.ANTE_IMPACT), _colour(Mode.POST_IMPACT)
+        for side, name in enumerate(self._cell.sides):
+            self._lines(f"{name}/ante", segments(path.ante[side]), ante, 3.0)
+            self._lines(f"{name}/extended", segments(path.extended[side], dashed=True), ante, 3.0)
+            self._lines(f"{name}/before", segments(path.before[side], dashed=True), post, 3.0)
+            self._lines(f"{name}/post", segments(path.post[side]), post, 3.0)
+            velocity = np.array(path.velocity[side])
+            length = float(np.linalg.norm(velocity))
+            if length > 0.0:
+                impact = np.array(path.impact[side])
+                way = velocity / length * max(_ARROW_M, _ARROW_S * length)
+                self._nodes.append(
+                    self._scene.add_arrows(
+                        f"/trial/{name}/impact", np.array([[impact - way, impact]], np.float32), ante,
+                        shaft_radius=0.004, head_radius=0.011, head_length=0.022,
+                    )
+                )  # fmt: skip
+
+    def _lines(self, name: str, pieces: Array, colour: tuple[int, int, int], thickness: float) -> None:
+        if len(pieces):
+            self._nodes.append(add_edges(self._scene, f"/trial/{name}", pieces, colour, thickness))
+
+
+class Hit:
+    """What a pad has met at most: an arrow where it was, with its newtons."""
+
+    def __init__(self, scene: viser.SceneApi, side: str) -> None:
+        self._shown: tuple[Array, Array] | None = None
+        self._arrow = scene.add_arrows(
+            f"/hit/{side}", np.zeros((1, 2, 3), np.float32), HIT_COLOUR,
+            shaft_radius=0.007, head_radius=0.018, head_length=0.035, visible=False,
+        )  # fmt: skip
+        self._label = scene.add_label(f"/hit/{side}/newtons", "", anchor="bottom-center", visible=False)
+
+    def show(self, hit: tuple[Array, Array] | None) -> None:
+        """See ExperimentFigures.show_hits."""
+        if hit is not None and np.linalg.norm(hit[1]) < _LEAST_N:
+            hit = None
+        if hit is self._shown:
+            return
+        self._shown = hit
+        self._arrow.visible = self._label.visible = hit is not None
+        if hit is not None:
+            place, force = hit
+            tip = place + _M_PER_N * force
+            self._arrow.points = np.array([[place, tip]], np.float32)
+            self._label.position = tip
+            self._label.text = f"at most {np.linalg.norm(force):.0f} N"

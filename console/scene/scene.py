@@ -1,0 +1,268 @@
+"""What a scene shows: the arms, the pads, the table and the object, where they are said to be.
+
+Each arm is a chain of frames from our own description, so that seven rotations a step move all of it. World frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+import viser
+from numpy.typing import NDArray
+
+from console.scene.meshes import GROWN_M, LINKS, Part, full_parts, hull_parts, light_parts
+from hal.base.arrays import Array
+from hal.limits import DOF
+from hal.robots import RobotModel
+from rtstack.model.cell_description import ArmMounting, CellDescription
+
+COLOURS = {"left": (86, 180, 233), "right": (230, 159, 0)}  # #56B4E9, #E69F00, Okabe-Ito: an arm's everywhere
+_TABLE_COLOUR = (92, 98, 106)
+_OBJECT_COLOUR = (188, 164, 128)
+_FLOOR_COLOUR = (112, 121, 131)  # seen on the dark ground and on the light one
+_FLOOR_M = 4.0
+_EDGES = np.array([[a, a | bit] for a in range(8) for bit in (1, 2, 4) if not a & bit])  # of a box, by its corners
+# m, and of a quaternion: less than a pixel, and more than a tracker's noise, which would draw the scene for ever
+_SMALLEST_OBJECT_MOVE = np.array([1e-3] * 3 + [3e-3] * 4)
+_SMALLEST_MOVE = 3e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Where a joint's frame is in its parent's, at zero: position m, quaternion wxyz. It turns about its own z."""
+
+    position: tuple[float, float, float]
+    wxyz: Array
+
+
+def joints_of(model: RobotModel) -> tuple[Joint, ...]:
+    """Return the joints of an arm, base first, and its flange as the last one."""
+    document = ElementTree.fromstring(model.urdf)
+    joints = []
+    for number in range(1, DOF + 2):
+        origin = document.find(f"joint[@name='joint{number}']/origin")
+        assert origin is not None
+        roll, pitch, yaw = (float(word) for word in origin.attrib["rpy"].split())
+        x, y, z = (float(word) for word in origin.attrib["xyz"].split())
+        wxyz = trimesh.transformations.quaternion_from_euler(roll, pitch, yaw, "sxyz")
+        joints.append(Joint((x, y, z), np.asarray(wxyz, np.float64)))
+    return tuple(joints)
+
+
+def turned(joint: Joint, angle: float) -> Array:
+    """Return the orientation of a joint's child in its parent, quaternion wxyz, at `angle` rad."""
+    w, x, y, z = joint.wxyz
+    c, s = np.cos(angle / 2.0), np.sin(angle / 2.0)
+    return np.array([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s])
+
+
+@dataclass(frozen=True, slots=True)
+class Ghost:
+    """How something is drawn that is not here: in a path of its own, in one colour, seen through, with its edges; a
+    little larger, so that what is in the same place does not show through in patches.
+    """
+
+    path: str
+    colour: tuple[int, int, int]
+    opacity: float = 0.4
+
+
+class ArmFigure:
+    """One arm and its pad in a scene."""
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        side: str,
+        mounting: ArmMounting,
+        cell: CellDescription,
+        full: bool,
+        ghost: Ghost | None = None,
+    ) -> None:
+        *self._joints, flange = joints_of(mounting.robot)
+        self._frames: list[viser.FrameHandle] = []
+        self._shown = np.full(DOF, np.inf)
+        colour = COLOURS[side] if ghost is None else ghost.colour
+        path = root = f"/{side}" if ghost is None else f"{ghost.path}/{side}"
+        self._base = scene.add_frame(
+            path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz
+        )
+        parts = hull_parts if ghost is not None else full_parts if full else light_parts
+        full = full and ghost is None
+        _add_parts(scene, path, parts(mounting.robot, LINKS[0]), full, ghost)
+        for link, joint in zip(LINKS[1:], self._joints, strict=True):
+            path = f"{path}/{link}"
+            self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
+            _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
+        pad = mounting.pad or cell.pad
+        box = pad.F_T_box
+        centre = box[:3, 3] + (0.0, 0.0, flange.position[2])
+        wxyz = np.array(pad.orientation_wxyz)
+        scene.add_box(
+            f"{path}/pad",
+            color=colour,
+            dimensions=pad.size if ghost is None else grown(pad.size),
+            position=centre,
+            wxyz=wxyz,
+            opacity=None if ghost is None else ghost.opacity,
+            cast_shadow=full,
+        )
+        if ghost is not None:
+            add_edges(
+                scene, f"{path}/pad_edges", box_edges(grown(pad.size), np.zeros(3)) @ box[:3, :3].T + centre, colour
+            )
+        if ghost is None:
+            outwards = 0.24 if side == "left" else -0.24
+            scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
+        self.show(np.array(mounting.home))
+
+    def show(self, q: Sequence[float] | Array) -> None:
+        """Show the arm at `q`, (7,) rad."""
+        self.set_visible(True)
+        for index, (frame, joint) in enumerate(zip(self._frames, self._joints, strict=True)):
+            if abs(q[index] - self._shown[index]) > _SMALLEST_MOVE:
+                self._shown[index] = q[index]
+                frame.wxyz = turned(joint, float(q[index]))
+
+    def set_visible(self, visible: bool) -> None:
+        """Show the arm, or nothing of it."""
+        if self._base.visible != visible:
+            self._base.visible = visible
+
+
+def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> None:
+    """Draw what never moves, for everybody: light, camera, floor and table. `full`: with shadows."""
+    scene = server.scene
+    server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+    # from behind the arms, so that the left arm is on the left
+    server.initial_camera.position = (-1.75, 0.0, 1.35)
+    server.initial_camera.look_at = (-0.02, 0.0, 0.3)
+    server.initial_camera.fov = 0.72  # rad
+    if full:
+        scene.add_grid(
+            "/floor", _FLOOR_M, _FLOOR_M, cell_size=0.1, section_size=0.5, cell_color=(126, 134, 143),
+            section_color=_FLOOR_COLOUR,
+        )  # fmt: skip
+    else:
+        _add_light_stage(scene)
+    x, y = cell.table.centre_xy
+    length, width = cell.table.size_xy
+    scene.add_box(
+        "/table", color=_TABLE_COLOUR, dimensions=(length, width, cell.table.top_z),
+        position=(x, y, cell.table.top_z / 2.0), cast_shadow=False,
+    )  # fmt: skip
+
+
+def _add_light_stage(scene: viser.SceneApi) -> None:
+    """Two plain lights and a floor of lines: viser's picture of a surrounding lit room, and its floor's shader over
+    half of the screen, hold software rendering up for long."""
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_ambient("/light/all", intensity=1.3)
+    scene.add_light_directional("/light/above", intensity=2.2, position=(-1.0, 0.6, 1.6))
+    half, places = _FLOOR_M / 2.0, np.arange(-_FLOOR_M / 2.0, _FLOOR_M / 2.0 + 0.25, 0.5)
+    lines = [((at, -half, 0.0), (at, half, 0.0)) for at in places]
+    lines += [((-half, at, 0.0), (half, at, 0.0)) for at in places]
+    scene.add_line_segments("/floor", np.array(lines), _FLOOR_COLOUR, thickness=1.0, thickness_units="screen")
+
+
+class CellFigures:
+    """What moves: the arms and the object, in the scene of a server or of one client.
+
+    `full` chooses the visual meshes, otherwise the light ones without shadows. ghost: drawn as one, in the light way.
+    """
+
+    def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool, ghost: Ghost | None = None) -> None:
+        self._ghost = ghost
+        self._root = None if ghost is None else scene.add_frame(ghost.path, show_axes=False)
+        self._scene = scene
+        self._cell = cell
+        self._full = full
+        self._arms = {
+            side: ArmFigure(scene, side, mounting, cell, full, ghost) for side, mounting in cell.mountings.items()
+        }
+        self._object: viser.BoxHandle | None = None
+        self._object_name = ""
+        self._object_pose = np.full(7, np.inf)
+
+    def hide(self) -> None:
+        """Show nothing of a ghost until arms are shown again."""
+        self._set_visible(False)
+
+    def _set_visible(self, visible: bool) -> None:
+        if self._root is not None and self._root.visible != visible:
+            self._root.visible = visible
+
+    def show_arms(self, q: Array, sides: Sequence[str] | None = None) -> None:
+        """Show the arms at `q`, (arms, 7) rad. sides: of these arms, None for the cell's: no others are shown."""
+        self._set_visible(True)
+        known = dict(zip(self._arms if sides is None else sides, q, strict=True))
+        for side, arm in self._arms.items():
+            if side in known:
+                arm.show(known[side])
+            else:
+                arm.set_visible(False)
+
+    def show_object(self, name: str, pose: Array | None) -> None:
+        """Show the object `name` at `pose`, (7,) position m and quaternion wxyz; None where it was not seen."""
+        description = self._cell.objects.get(name)
+        if pose is None or description is None:
+            if self._object is not None:
+                self._object.visible = False
+                self._object_name = ""
+            return
+        if self._object is None or name != self._object_name:
+            path = "/object" if self._ghost is None else f"{self._ghost.path}/object"
+            size = description.size if self._ghost is None else grown(description.size)
+            self._object = self._scene.add_box(
+                path,
+                color=_OBJECT_COLOUR if self._ghost is None else self._ghost.colour,
+                dimensions=size,
+                opacity=0.92 if self._ghost is None else self._ghost.opacity,
+                cast_shadow=self._full,
+            )
+            if self._ghost is not None:
+                add_edges(self._scene, f"{path}/edges", box_edges(size, np.zeros(3)), self._ghost.colour)
+            self._object_name = name
+            self._object_pose[:] = np.inf
+        if (np.abs(pose - self._object_pose) > _SMALLEST_OBJECT_MOVE).any():
+            self._object_pose[:] = pose
+            self._object.position = pose[:3]
+            self._object.wxyz = pose[3:]
+
+
+def grown(size: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the size of a box whose faces are GROWN_M further out, m."""
+    x, y, z = size
+    return x + 2.0 * GROWN_M, y + 2.0 * GROWN_M, z + 2.0 * GROWN_M
+
+
+def box_edges(size: tuple[float, float, float], centre: Array, yaw_rad: float = 0.0) -> NDArray:
+    """Return the 12 edges (12, 2, 3), m, of a box, turned about z."""
+    corners = np.array([[(k >> axis & 1) - 0.5 for axis in range(3)] for k in range(8)]) * size
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return (corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + centre)[_EDGES]
+
+
+def add_edges(
+    scene: viser.SceneApi, path: str, pieces: Array, colour: tuple[int, int, int], width_px: float = 2.0
+) -> viser.SceneNodeHandle:
+    """Draw straight pieces (n, 2, 3), m, as lines of the same width at any distance."""
+    points = pieces.astype(np.float32)
+    return scene.add_line_segments(path, points, colour, thickness=width_px, thickness_units="screen")
+
+
+def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool, ghost: Ghost | None) -> None:
+    for number, part in enumerate(parts):
+        scene.add_mesh_simple(
+            f"{path}/part{number}",
+            part.vertices,
+            part.faces,
+            color=part.colour if ghost is None else ghost.colour,
+            opacity=None if ghost is None else ghost.opacity,
+            flat_shading=False,
+            cast_shadow=full,
+            receive_shadow=full,
+        )

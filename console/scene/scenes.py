@@ -1,0 +1,115 @@
+"""The scenes behind the page: the same cell with full and with light meshes, made when they are first looked at."""
+
+import threading
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Any
+
+from console.live.watch import Watch
+from console.questions.questions import Questions
+from console.scene.experiment import ExperimentFigures
+from console.scene.ghost import GhostPlayer
+from console.scene.gizmos import Gizmos
+from console.scene.scene import CellFigures, Ghost, add_stage
+from console.scene.server import SceneServer
+from console.scene.trial_plan import TrialPlans
+from console.teleoperation.teleop_input import TeleopInput
+from rtstack.model.cell_description import CellDescription
+
+_GHOST = Ghost("/ghost", (204, 214, 224))  # neither an arm's colour nor the other log's of the review
+
+
+class Detail(StrEnum):
+    """How much is drawn: everything, or what software rendering can bear."""
+
+    FULL = "full"
+    LIGHT = "light"
+
+    @property
+    def frame_s(self) -> float:
+        """How often what is shown is brought up to date, s."""
+        return 1.0 / 30.0 if self is Detail.FULL else 1.0 / 20.0
+
+
+class _LiveScene:
+    """One scene, its server, and the thread that keeps it up to date while it is shown."""
+
+    def __init__(
+        self, cell: CellDescription, watch: Watch, teleop: TeleopInput, plans: TrialPlans, ghost: GhostPlayer,
+        detail: Detail,
+    ) -> None:  # fmt: skip
+        self.server = SceneServer()
+        add_stage(self.server.viser, cell, full=detail is Detail.FULL)
+        self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
+        self._gizmos = Gizmos(self.server.viser, cell, teleop)
+        self._experiment = ExperimentFigures(self.server.viser.scene, cell)
+        self._watch, self._plans, self._player = watch, plans, ghost
+        self._ghost = CellFigures(self.server.viser.scene, cell, full=False, ghost=_GHOST)  # before it is needed
+        self._ghost.hide()
+        self._frame_s = detail.frame_s
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join()
+        self.server.close()
+
+    def _follow(self) -> None:
+        while not self._ending.wait(self._frame_s):
+            if not self.server.watched:
+                continue
+            q = self._watch.q()
+            status = self._watch.view.status
+            with self.server.viser.atomic():
+                if q is not None:
+                    self._scene.show_arms(q)
+                if status is not None:
+                    self._scene.show_object(status.object, self._watch.object_pose())
+                self._experiment.show(*self._plans.current(status))
+                self._experiment.show_hits(self._watch.hits())
+                self._show_ghost()
+                self._gizmos.show(self._watch.measured(), self._watch.command(), self._watch.forces())
+
+    def _show_ghost(self) -> None:
+        pose = self._player.pose()
+        if pose is None:
+            self._ghost.hide()
+            return
+        q, name, placed = pose
+        self._ghost.show_arms(q)
+        self._ghost.show_object(name, placed)
+
+
+class SceneServers:
+    """One scene of each detail, made when it is first looked at. May be used from any thread."""
+
+    def __init__(self, make: Callable[[Detail], Any]) -> None:
+        """make: returns a scene, which has `server` and `close`."""
+        self._make, self._lock = make, threading.Lock()
+        self._made: dict[Detail, Any] = {}
+
+    def server(self, detail: Detail) -> SceneServer:
+        """Return the server of a scene; the first call makes it, which takes a second or two for the full one."""
+        with self._lock:
+            if detail not in self._made:
+                self._made[detail] = self._make(detail)
+            return self._made[detail].server
+
+    def close(self) -> None:
+        """End all scenes."""
+        with self._lock:
+            for scene in self._made.values():
+                scene.close()
+            self._made.clear()
+
+
+class Scenes(SceneServers):
+    """The live scenes. plans: the trial that they show; ghost: what does not take place."""
+
+    def __init__(
+        self, cell: CellDescription, watch: Watch, teleop: TeleopInput, questions: Questions, ghost: GhostPlayer
+    ) -> None:  # fmt: skip
+        self.plans, self.ghost = TrialPlans(questions), ghost
+        super().__init__(lambda detail: _LiveScene(cell, watch, teleop, self.plans, ghost, detail))

@@ -1,0 +1,1 @@
+"""Drivers of motion-capture systems and tag cameras."""

@@ -1,0 +1,230 @@
+"""OptiTrack's Motive over NatNet 3 and 4: a process that asks for the stream and passes one rigid body's poses on.
+
+`python -m hal.trackers.natnet IP PORT BODY TO_HOST TO_PORT [--multicast GROUP]`: to a hal.tracker_link.TrackerLink, in
+Motive's frame and with Motive's time stamps. A process of its own: what comes from the network is taken apart outside
+the loop.
+
+Nothing maintained on PyPI reads NatNet 4. The messages as in NaturalPoint's description of the bit stream (NatNet SDK
+4.1, "direct depacketization"): little-endian; a list has its length in front, and since 4.1 its size in bytes after it.
+"""
+
+import argparse
+import contextlib
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from hal.tracker import TrackerRequest
+from hal.trackers.process import PoseSender, TrackerProcess, ready
+
+CONNECT, SERVER_INFO, FRAME_OF_DATA, KEEP_ALIVE = 0, 1, 7, 10
+DATA_PORT = 1511
+_MOST = 10_000  # of what a frame has of one kind
+_RIGID_BODY = struct.Struct("<i3f4ffh")  # id, position, quaternion xyzw, mean error, parameters
+_TRACKED = 1  # of its parameters
+_LABELED_MARKER_BYTES = 26  # id, position, size, parameters, residual
+_AGAIN_S = 1.0
+_SILENT_S = 3.0  # a server that has sent nothing for so long does not know this client, or not any more
+
+
+class NatNetError(ValueError):
+    """A message that is not what it says."""
+
+
+class _Reader:
+    """Takes a message apart from its front."""
+
+    def __init__(self, data: bytes, version: tuple[int, int]) -> None:
+        self._data, self._place = data, 0
+        self.sized = version >= (4, 1)
+
+    def take(self, layout: struct.Struct) -> tuple:
+        self.skip(layout.size)
+        return layout.unpack_from(self._data, self._place - layout.size)
+
+    def skip(self, size: int) -> None:
+        if size < 0 or self._place + size > len(self._data):
+            raise NatNetError("it ends too early")
+        self._place += size
+
+    def whole(self) -> int:
+        return self.take(_INT)[0]
+
+    def count(self) -> int:
+        number = self.whole()
+        if not 0 <= number <= _MOST:
+            raise NatNetError(f"a list of {number}")
+        return number
+
+    def text(self) -> None:
+        end = self._data.find(b"\0", self._place)
+        if end < 0:
+            raise NatNetError("a name without an end")
+        self._place = end + 1
+
+    def listed(self) -> Iterator[None]:
+        """Go through a list, entry by entry."""
+        for _ in range(self.begin()):
+            yield
+
+    def begin(self) -> int:
+        """Return how many entries follow."""
+        number = self.count()
+        if self.sized:
+            self.whole()
+        return number
+
+    def skip_list(self) -> bool:
+        """Skip a list whose size stands in front, where it does; return whether it did."""
+        if not self.sized:
+            return False
+        self.count()
+        self.skip(self.whole())
+        return True
+
+
+_INT, _DOUBLE = struct.Struct("<i"), struct.Struct("<d")
+
+
+def version_in(message: bytes) -> tuple[int, int]:
+    """Return NatNet's major and minor version of a server's information. Raises NatNetError."""
+    name, versions = 256, 8  # the application's name; its version and NatNet's, four bytes each
+    if len(message) < 4 + name + versions:
+        raise NatNetError("it ends too early")
+    major, minor = message[4 + name + 4 : 4 + name + 6]
+    if not 3 <= major <= 4:
+        raise NatNetError(f"NatNet {major}.{minor}: this client knows 3 and 4")
+    return major, minor
+
+
+def frame_of(message: bytes, version: tuple[int, int]) -> tuple[float, dict[int, tuple[float, ...]]]:
+    """Return the time stamp of a frame of data, s since Motive has begun, and the bodies that are tracked in it: of
+    each number the position, m, and the quaternion xyzw, in Motive's frame. A number that two bodies have is none.
+    Raises NatNetError."""
+    reader = _Reader(message, version)
+    reader.skip(4 + 4)  # message, size; the frame's number
+    if not reader.skip_list():
+        for _ in reader.listed():  # marker sets
+            reader.text()
+            reader.skip(12 * reader.count())
+    if not reader.skip_list():
+        reader.skip(12 * reader.begin())  # markers without a name
+    bodies: dict[int, tuple[float, ...]] = {}
+    numbers: set[int] = set()
+    for _ in reader.listed():
+        number, *pose, _error, parameters = reader.take(_RIGID_BODY)
+        if number in numbers:
+            bodies.pop(number, None)
+        elif parameters & _TRACKED:
+            bodies[number] = tuple(pose)
+        numbers.add(number)
+    if not reader.skip_list():
+        for _ in reader.listed():  # skeletons
+            reader.skip(4)
+            reader.skip(_RIGID_BODY.size * reader.count())
+    else:
+        reader.skip_list()  # assets, new in 4.1
+    if not reader.skip_list():
+        reader.skip(_LABELED_MARKER_BYTES * reader.begin())
+    for _ in range(2):  # force plates, devices
+        if not reader.skip_list():
+            for _ in reader.listed():
+                reader.skip(4)
+                for _ in range(reader.count()):
+                    reader.skip(4 * reader.count())
+    reader.skip(8)  # time code
+    (stamp,) = reader.take(_DOUBLE)
+    return stamp, bodies
+
+
+class _Client:
+    """Asks a server for its stream, again and again, and passes on what it sends."""
+
+    def __init__(self, server: tuple[str, int], body: int, listener: tuple[str, int], multicast: str) -> None:
+        self._server, self._body, self._sender = server, body, PoseSender(listener)
+        self._version: tuple[int, int] | None = None
+        self._heard_s = 0.0
+        self._asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._sockets = [self._asking]
+        if multicast:
+            group = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            group.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            group.bind((multicast, DATA_PORT))
+            # at the interface through which the server is reached: another one may be the default
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+                way.connect(server)
+                member = socket.inet_aton(multicast) + socket.inet_aton(way.getsockname()[0])
+            group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+            self._sockets.append(group)
+
+    def run(self) -> None:
+        """Never return."""
+        asked_s = -_AGAIN_S
+        while True:
+            if time.monotonic() - asked_s >= _AGAIN_S:
+                asked_s = time.monotonic()
+                self._ask()
+            for filled in select.select(self._sockets, [], [], _AGAIN_S / 2)[0]:
+                with contextlib.suppress(OSError, NatNetError):
+                    message, (host, _) = filled.recvfrom(65536)
+                    if host == self._server[0]:  # a second Motive sends to the same group
+                        self._heard_s = time.monotonic()
+                        self._take(message)
+
+    def _ask(self) -> None:
+        """Connect; once connected, say regularly that this client is there: a server ends a silent one. One that was
+        started again does not know it, and may be of another version."""
+        if time.monotonic() - self._heard_s > _SILENT_S:
+            self._version = None
+        message, text = (CONNECT, b"Ping\0") if self._version is None else (KEEP_ALIVE, b"\0")
+        with contextlib.suppress(OSError):
+            self._asking.sendto(struct.pack("<HH", message, len(text)) + text, self._server)
+
+    def _take(self, message: bytes) -> None:
+        if len(message) < 4:
+            return
+        (kind,) = struct.unpack_from("<H", message)
+        if kind == SERVER_INFO:
+            self._version = version_in(message)
+        elif kind == FRAME_OF_DATA and self._version is not None:
+            stamp_s, bodies = frame_of(message, self._version)
+            pose = bodies.get(self._body)
+            if pose is not None and np.isfinite(stamp_s) and abs(stamp_s) < 1e9:
+                self._sender.send(round(1e9 * stamp_s), pose[:3], (pose[6], *pose[3:6]))
+
+
+class NatNetTracker(TrackerProcess):
+    """A hal.tracker.ClosableTracker: one rigid body of Motive."""
+
+    def __init__(self, request: TrackerRequest) -> None:
+        """Start the process. Raises OSError, also where the host's name is not known; ValueError for a request without
+        the body's number."""
+        if request.body is None:
+            raise ValueError("NatNet needs the number of the object's rigid body: [tracker.bodies.OBJECT] id")
+        options = ("--multicast", request.multicast) if request.multicast else ()
+        host = socket.gethostbyname(request.host)
+        super().__init__(request, "hal.trackers.natnet", host, str(request.port), str(request.body), options=options)
+
+
+def main() -> None:
+    """Pass poses on until the process that has asked for them ends."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("ip")
+    parser.add_argument("port", type=int)
+    parser.add_argument("body", type=int)
+    parser.add_argument("to_host")
+    parser.add_argument("to_port", type=int)
+    parser.add_argument("--multicast", default="")
+    options = parser.parse_args()
+    server, listener = (options.ip, options.port), (options.to_host, options.to_port)
+    client = _Client(server, options.body, listener, options.multicast)
+    ready()
+    client.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""A tracker's own process: it speaks with what sees the object, and passes poses on as our datagrams."""
+
+import contextlib
+import ctypes
+import errno
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from hal.base.arrays import Array
+from hal.tracker import ObjectPose, TrackerRequest
+from hal.tracker_link import DATAGRAM, TrackerLink
+
+_END_S = 1.0  # to end by itself
+# until it has loaded what it needs, OpenCV above all: a trial that began before would be one that nothing sees
+_READY_S = 15.0
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def ready() -> None:
+    """In the process: say that it looks from now on, and end with who has started it."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal: who has started it ends it
+    print(flush=True)
+
+
+class PoseSender:
+    """In the process: sends poses to a hal.tracker_link.TrackerLink. A link that is not there is no error."""
+
+    def __init__(self, link: tuple[str, int]) -> None:
+        self._link, self._datagram = link, np.zeros(1, DATAGRAM)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def send(self, t_ns: int, position: Sequence[float] | Array, wxyz: Sequence[float] | Array) -> None:
+        """Send a pose in the tracker's frame, (3,) m and (4,), with the tracker's time."""
+        datagram = self._datagram
+        datagram["t_ns"], datagram["seen"] = t_ns, 1
+        datagram["position"], datagram["orientation_wxyz"] = position, wxyz
+        with contextlib.suppress(OSError):
+            self._socket.sendto(datagram.tobytes(), self._link)
+
+
+class TrackerProcess:
+    """A link, and the module of ours that feeds it: `python -m MODULE ARGUMENTS... HOST PORT` of the link, which calls
+    `ready`. Returns then.
+
+    Raises OSError.
+    """
+
+    def __init__(self, request: TrackerRequest, module: str, *arguments: str, options: tuple[str, ...] = ()) -> None:
+        self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
+        command = [sys.executable, "-m", module, *arguments, *map(str, self._link.address), *options]
+        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        with self._process.stdout as said:
+            if not (select.select([said], [], [], _READY_S)[0] and said.readline()):
+                self.close()
+                raise OSError(errno.ECHILD, f"{module} did not begin")
+
+    def latest(self) -> ObjectPose:
+        """Return the newest pose, see hal.tracker_link.TrackerLink."""
+        return self._link.latest()
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END_S)
+        self._process.kill()
+        self._process.wait()
+        self._link.close()

@@ -1,0 +1,90 @@
+"""`rtstack bench`: what this machine makes of the stack."""
+
+from dataclasses import replace
+from json import dumps
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.interrupt import interruptible
+from rtstack.cli.options import CellFile, CellKind, Json, LogOut
+from rtstack.samples import QpSolver
+
+commands = typer.Typer()
+bench = typer.Typer(help="Measure the stack on this machine.")
+commands.add_typer(bench, name="bench")
+
+
+@bench.command("tick")
+def bench_tick(
+    ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,
+    solver: Annotated[QpSolver | None, typer.Option(help="Library to ask where the active set has no answer.")] = None,
+    json: Json = False,
+) -> None:
+    """The dual-arm tick and its parts, beside the same tick in plain numpy, in one run."""
+    from rtstack.bench.tick import bench_tick
+    from rtstack.cells import load_description
+    from rtstack.trials.assembly import default_parameters
+
+    parameters = default_parameters()
+    if solver is not None:
+        parameters = replace(parameters, solver=solver)
+    _print(bench_tick(load_description(None)[0], parameters, ticks), json)
+
+
+@bench.command("loop")
+def bench_loop(
+    cell: CellKind = "realtime",
+    seconds: Annotated[float, typer.Option(help="Length of the run.", min=6.0)] = 20.0,
+    log: LogOut = None,
+    json: Json = False,
+) -> None:
+    """The whole loop: both arms grab and hold a box, controlled, judged and logged."""
+    from rtstack.bench.loop import LongGrab, loop_figures
+    from rtstack.cli.terminal import Terminal
+    from rtstack.trials.object import check_two_arms
+    from rtstack.trials.specification import DemonstrationSpecification
+
+    host = Terminal.of(cell, None, None, "grab of the bench", log_path=log)
+    check_two_arms(host.description, "the bench of the loop, a grab,")
+    with TemporaryDirectory() as folder:
+        host.log_path = path = log or Path(folder) / "loop.mcap"
+        result = host.run(LongGrab(DemonstrationSpecification(), host.description, seconds))
+        figures = loop_figures(path, cell, result)
+    _print(figures, json)
+    if not result.success:
+        raise typer.Exit(FAILED)
+
+
+@bench.command("link")
+def bench_link(
+    cell: Annotated[str, typer.Option(help="lockstep, realtime or fci:LEFT,RIGHT.")] = "lockstep",
+    cell_file: CellFile = None,
+    ticks: Annotated[int, typer.Option(help="Milliseconds of the robot.", min=200)] = 3000,
+    json: Json = False,
+) -> None:
+    """The way from a state to its answer to the next state, over the wire, with all arms at once."""
+    from rtstack.bench.link import bench_link
+    from rtstack.cells import load_description, open_cell
+    from rtstack.cli.hold_to_run import HoldToRun
+
+    description, source = load_description(cell_file, cell)
+    hold = HoldToRun(cell, description, source)
+    opened = open_cell(cell, next(iter(description.objects)), 0.0, 0, description, cell_file=source)
+    try:
+        with interruptible() as stop, hold.held("hold of the arms", stop):
+            _print(bench_link(opened, ticks, description, stop).as_dict(), json)
+    finally:
+        opened.close()
+
+
+def _print(values: dict[str, object], json: bool) -> None:
+    if json:
+        typer.echo(dumps(values))
+        return
+    width = max(map(len, values))
+    for name, value in values.items():
+        typer.echo(f"{name:<{width}}  {value}")

@@ -1,0 +1,106 @@
+"""The arms of a cell, held softly by `rtstack check`: whether they stay, what they feel, and how good the link is."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hal.cell import Cell
+from hal.errors import HardwareError
+from rtstack.bench.hold import GOOD_RAD, ArmMoved, HoldEnded
+from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
+from rtstack.cells import default_cell_file, open_cell
+from rtstack.check.arm import Felt, resting_findings
+from rtstack.check.finding import Finding, finding
+from rtstack.cli.hold_to_run import HoldToRun
+from rtstack.cli.interrupt import interruptible
+from rtstack.log.analysis.lateness import Blame, Lateness
+from rtstack.loop.session import StopSignal
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+
+LINK_TICKS = 10_000
+GOOD_LATE_SHARE = 1e-3  # ours: with them at random, 20 in a row never come
+_LATE = {
+    Blame.HOST: "keep the host for the loop: `sudo rtstack host-setup`; `rtstack review LOG` says what it did",
+    Blame.WIRE: "a cable from a network card of its own to each box, no switch; see docs/howto/lateness.md",
+    Blame.ROBOT: "the box itself was late: its logs in Desk, and Franka's support",
+    Blame.ROBOT_OR_WIRE: "look at the cable first: see docs/howto/lateness.md",
+}
+_TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange; do not touch an arm meanwhile"
+
+
+def link_findings(
+    kind: str, description: CellDescription, ticks: int = LINK_TICKS, cell_file: Path | None = None
+) -> list[Finding]:
+    """Hold the arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
+
+    Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run).
+    """
+    cell: Cell | None = None
+    try:
+        hold = HoldToRun(kind, description, cell_file or default_cell_file())
+        cell = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
+        what = f"hold of the {' and '.join(description.sides)} arm for {ticks * 1e-3:g} s"
+        with interruptible() as stop, hold.held(what, stop):
+            found = held_findings(cell, ticks, description, stop)
+        return found + [
+            Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
+            for _ in range(bool(cell.warning))
+        ]
+    except TrialError as error:
+        return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
+    except HardwareError as error:
+        return [Finding("link", "broken", "fail", str(error), "no motion")]
+    finally:
+        if cell is not None:
+            cell.close()
+
+
+def held_findings(
+    cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None
+) -> list[Finding]:
+    """Judge an open cell and what its arms say while they are held; the arms are stopped then.
+
+    Raises HardwareError when the link breaks.
+    """
+    try:
+        figures = bench_link(cell, ticks, description, stop)
+    except HoldEnded as error:
+        return [Finding("hold", str(error), "fail", "hold the key until it is over", "nothing was judged")]
+    except ArmMoved as error:
+        cost = "the arm falls, or rises, as soon as torque control starts"
+        return [Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)]
+    value = f"within {max(figures.hold_rad):.4f} rad and {max(figures.hold_rad_s):.3f} rad/s"
+    value += f", with {max(figures.hold_nm):.1f} Nm at most"
+    cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
+    found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL)]
+    found.append(_link(figures, cell.sides))
+    found += [_late(figures.lateness)] if figures.lateness is not None else []
+    arms, mountings = cell.arms, description.arms
+    for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
+        felt = Felt(
+            *(np.array(rows[k]) for rows in (figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean))
+        )
+        found += resting_findings(cell.sides[k], arm.read(), felt, mounting, description.pad)
+    return found
+
+
+def _late(lateness: Lateness) -> Finding:
+    """Judge who was late: the advice is for whose share is the largest."""
+    shares = lateness.shares
+    advice = _LATE[Blame(max(shares, key=lambda name: shares[name]))] if shares else ""
+    cost = "a late answer is a lost one; 20 in a row stop the arm"
+    good = len(lateness.late) <= GOOD_LATE_SHARE * lateness.cycles
+    return finding("late cycles", lateness.line, good, cost, advice)
+
+
+def _link(figures: LinkBenchmark, sides: Sequence[str]) -> Finding:
+    means, lows = figures.success_rate_mean, figures.success_rate_min
+    each = ", ".join(f"{mean:.3f} {side}" for side, mean in zip(sides, means, strict=True))
+    value = f"success rate {each}, at least {min(lows):.2f}"
+    value += f"; answered within {max(figures.answer_us_p99):.0f} us at p99"
+    if figures.verdict == "pass":
+        return Finding("link", value, "pass")
+    advice = f"below {GOOD_SUCCESS}: a network and a host for the arms alone"
+    return Finding("link", value, figures.verdict, advice, "a lost packet is a torque that comes too late")

@@ -1,0 +1,56 @@
+"""`rtstack place`: the arms set an object where it is wanted, and again until it stands there."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rtstack.cli.options import CellFile, CellKind, Json, LogOut, ObjectName, Profile, Seed, asks_for
+from rtstack.trials.specification import PlacementSpecification
+
+commands = typer.Typer()
+Asked = dict[str, Any] | None  # filled by asks_for
+
+
+def numbered(log: Path, attempt: int) -> Path:
+    """Return the log of a further attempt."""
+    return log.with_name(f"{log.stem}-{attempt}{log.suffix}")
+
+
+@commands.command()
+@asks_for(PlacementSpecification)
+def place(
+    object: ObjectName = "rice_box",
+    x_mm: Annotated[float, typer.Option("--x-mm", help="Where it is wanted along x, from its nominal place.")] = 0.0,
+    y_mm: Annotated[float, typer.Option("--y-mm", help="Where it is wanted along y.")] = 0.0,
+    yaw_deg: Annotated[float, typer.Option("--yaw-deg", help="How far it is to be turned about z.")] = 0.0,
+    attempts: Annotated[int, typer.Option(help="How often, at most, until it stands there.", min=1, max=10)] = 3,
+    seed: Seed = 0,
+    asked: Asked = None,
+    log: LogOut = None,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Let both arms take an object from where the tracker sees it, and set it down where it is wanted."""
+    from rtstack.cli.terminal import Terminal, report
+    from rtstack.trials.placement import prepare_placement
+
+    specification = PlacementSpecification(**asked or {})
+    what, bar = f"placing {specification.title}", "placing" * (not json)
+    host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log)
+    prepared = prepare_placement(specification, host.description)
+    with host.kept_cell(prepared), host.held() as context:
+        result = host.run(prepared)
+        for attempt in range(2, attempts + 1):
+            stopped = context.stop is not None and context.stop.stop_requested
+            if result.success or not result.carried or result.off_mm is None or stopped:
+                break
+            typer.echo(f"{result.failure_reason}; again", err=True)
+            if log is not None:
+                host.log_path = numbered(log, attempt)
+            result = host.run(prepared)
+    outcome = "placed" if result.success else f"failed: {result.failure_reason}"
+    off = "not seen" if result.off_mm is None else f"{result.off_mm:.1f} mm and {result.off_deg:.1f} degrees off"
+    report(result, json, f"{outcome} | {specification.title} | {off} | at most {result.peak_force_n:.0f} N on a pad")

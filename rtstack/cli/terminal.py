@@ -1,0 +1,140 @@
+"""A command at a terminal as the host of runs (rtstack.trials.carry_out): a cell of its own, a person, Ctrl-C."""
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from hal.cell import Cell
+from rtstack.cells import load_description, open_cell, with_profile
+from rtstack.cli.exit_status import FAILED
+from rtstack.cli.hold_to_run import HoldToRun
+from rtstack.cli.interrupt import interruptible
+from rtstack.cli.progress import progress_bar
+from rtstack.log.writer import check_log_path
+from rtstack.loop.watchdogs import Parent
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.carry_out import PreparedRun, R, carry_out
+from rtstack.trials.record import TrialLog
+from rtstack.trials.result import Result
+from rtstack.trials.run_context import RunContext
+
+
+@dataclass(slots=True)
+class Terminal:
+    """Runs on a cell of `kind`. Arms that are not simulated move only while a person holds the space bar.
+
+    what: the motion, for the person who confirms it. bar: the label of the progress bar, "" for none. log_path: of the
+    log; None: nothing is written. led: see PreparedRun. softly: Ctrl-C brakes along the path. record: what the log says
+    of the campaign that the run is part of.
+    """
+
+    kind: str
+    description: CellDescription
+    cell_file: Path
+    what: str
+    bar: str = ""
+    log_path: Path | None = None
+    faults: Path | None = None
+    led: bool = False
+    softly: bool = False
+    record: Mapping[str, str] | None = None
+    _hold: HoldToRun | None = None
+    _cell: Cell | None = None
+    _context: RunContext | None = None
+    _warned: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, cell: str, profile: str | None, cell_file: Path | None, what: str, **more: Any) -> "Terminal":
+        """Return the terminal for a command's options. Raises TrialError, ConfigurationError, LogError."""
+        kind = with_profile(cell, profile)
+        host = cls(kind, *load_description(cell_file, kind), what, **more)
+        if host.log_path is not None:
+            check_log_path(host.log_path)
+        return host
+
+    def run(self, prepared: PreparedRun[R]) -> R:
+        """Carry out a run here."""
+        return carry_out(prepared, self)
+
+    def check(self) -> HoldToRun:
+        """Check that a person can hold the arms to run. Raises TrialError."""
+        if self._hold is None:
+            self._hold = HoldToRun(self.kind, self.description, self.cell_file, self.led)
+        return self._hold
+
+    @contextmanager
+    def cell(self, run: PreparedRun) -> Iterator[Cell]:
+        """Give a cell that is open for one run, or the one that is kept. Raises TrialError, HardwareError."""
+        if self._cell is not None:
+            yield self._cell
+            return
+        self.check()
+        asked = run.specification
+        cell = open_cell(
+            self.kind, asked.object, run.displacement, asked.seed, self.description, self.faults, run.noise_seed,
+            self.cell_file, led=self.led,
+        )  # fmt: skip
+        if cell.warning:
+            self.warn(cell.warning)
+        try:
+            yield cell
+        finally:
+            cell.close()
+
+    @contextmanager
+    def kept_cell(self, run: PreparedRun) -> Iterator[Cell]:
+        """Keep the cell of a first run open for several."""
+        with self.cell(run) as cell:
+            self._cell = cell
+            try:
+                yield cell
+            finally:
+                self._cell = None
+
+    def warn(self, text: str) -> None:
+        """Print a line, once."""
+        if text not in self._warned:
+            self._warned.add(text)
+            print(f"rtstack: warning: {text}", file=sys.stderr)
+
+    @contextmanager
+    def held(self, bar: bool = True) -> Iterator[RunContext]:
+        """Have a person hold the arms to run, for one run or several. Raises TrialError without confirmation."""
+        with (
+            interruptible() as stop,
+            self.check().held(self.what, stop) as held,
+            progress_bar(self.bar, bool(self.bar) and bar) as progress,
+        ):
+            hard, soft = (None, stop) if self.softly else (stop, None)
+            self._context = RunContext(stop=hard, progress=progress, watchdogs=(Parent(), *held), soft_stop=soft)
+            try:
+                yield self._context
+            finally:
+                self._context = None
+
+    @contextmanager
+    def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
+        """See Host."""
+        if self._context is not None:
+            yield replace(self._context, progress=None)  # the bar is that of all runs
+        else:
+            with self.held(not cell.own_clocks) as context:
+                yield context
+
+    def log(self, run: PreparedRun, cell: Cell) -> TrialLog | None:
+        """See Host."""
+        if self.log_path is None:
+            return None
+        return run.open_log(self.log_path, self.kind, self.cell_file, cell, self.record)
+
+
+def report(result: Result, json: bool, line: str) -> None:
+    """Print a result. Raises Exit where the run has failed."""
+    typer.echo(result.as_json() if json else line)
+    if not result.success:
+        raise typer.Exit(FAILED)

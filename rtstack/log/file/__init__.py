@@ -1,0 +1,1 @@
+"""The MCAP file: container, decoding, contents, recovery."""

@@ -1,0 +1,1 @@
+"""What other programs need to draw a log: frames, shapes, URDF."""

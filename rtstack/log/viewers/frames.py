@@ -1,0 +1,237 @@
+"""The /tf topic: frames of both arms, their pads, table and object, at 50 Hz of the robot's time.
+
+world -> left_base -> left_link0 -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on
+the right, world -> table, and world -> object: the links of rtstack.log.viewers.cell_urdf. A link is given relative to
+the link before it: its joint's placement turned by the joint's angle, so that no forward kinematics is needed here.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3
+from numpy.typing import NDArray
+
+from hal.base.arrays import Array
+from hal.robots import FR3
+from rtstack.log.viewers.instants import OBJECT, Instants
+from rtstack.samples import SIDES
+
+WORLD = "world"
+TABLE = "table"
+BASE_LINK = "link0"  # of the arm's URDF
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellFrames:
+    """Where things are mounted in the cell. Poses (4, 4) row-major, m, None for an arm that is not there; the sizes are
+    for drawing. URDFs of the arms.
+
+    Compared and hashed by identity.
+    """
+
+    T_world_base_left: Array | None
+    T_world_base_right: Array | None
+    pad_sizes_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    object_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    table_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    table_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    urdf_left: str = FR3.urdf
+    urdf_right: str = FR3.urdf
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The sides of the arms that are there."""
+        poses = zip(SIDES, (self.T_world_base_left, self.T_world_base_right), strict=True)
+        return tuple(side for side, pose in poses if pose is not None)
+
+    def pad_size(self, side: str) -> tuple[float, float, float]:
+        """Size of the pad of the arm of `side`, m."""
+        return self.pad_sizes_m[SIDES.index(side)]
+
+    def urdf(self, side: str) -> str:
+        """URDF of the arm of `side` (left or right)."""
+        return self.urdf_left if side == "left" else self.urdf_right
+
+    def T_world_base(self, side: str) -> Array:
+        """Mounting pose of the arm of `side` (left or right), (4, 4) row-major, m. Raises KeyError without one."""
+        pose = self.T_world_base_left if side == "left" else self.T_world_base_right
+        if pose is None:
+            raise KeyError(side)
+        return pose
+
+
+@dataclass(frozen=True, slots=True)
+class JointPlacement:
+    """A joint of the URDF: its frame in the parent link, and its axis in that frame (None: fixed)."""
+
+    child: str
+    position: Array
+    orientation_wxyz: Array
+    axis: Array | None
+
+
+@lru_cache(maxsize=8)
+def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
+    """Return the joints of a serial arm, from its base to its flange."""
+    joints = []
+    for joint in ElementTree.fromstring(urdf).iter("joint"):
+        child, origin, axis = joint.find("child"), joint.find("origin"), joint.find("axis")
+        if child is None:
+            continue
+        place = {} if origin is None else origin.attrib
+        fixed = joint.get("type") == "fixed"
+        joints.append(
+            JointPlacement(
+                child=child.attrib["link"],
+                position=_vector(place.get("xyz", "0 0 0")),
+                orientation_wxyz=from_rpy(_vector(place.get("rpy", "0 0 0"))),
+                axis=None if fixed or axis is None else _vector(axis.get("xyz", "1 0 0")),
+            )
+        )
+    return tuple(joints)
+
+
+def _vector(text: str) -> Array:
+    return np.array([float(word) for word in text.split()])
+
+
+def from_rpy(rpy: Array) -> Array:
+    """Quaternion wxyz of URDF's fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0), np.sin(rpy / 2.0)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def rotation_of(wxyz: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion."""
+    w, (x, y, z) = wxyz[0], wxyz[1:]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * (w * cross + cross @ cross)
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Hamilton products of a quaternion a (4,) and quaternions b (n, 4), all wxyz."""
+    aw, ax, ay, az = a.tolist()
+    bw, bx, by, bz = b.T
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=1,
+    )
+
+
+def quaternions_of(R: Array) -> Array:
+    """Return the quaternions wxyz (n, 4) of rotation matrices (n, 3, 3).
+
+    Shepperd, "Quaternion from rotation matrix", 1978: of four equal formulas the one that divides by most.
+    """
+    diagonal = np.diagonal(R, axis1=1, axis2=2)
+    trace = diagonal.sum(axis=1)
+    largest = np.argmax(np.column_stack([trace, diagonal]), axis=1)
+    q = np.empty((len(R), 4))
+    for formula in set(largest.tolist()):
+        rows = largest == formula
+        r = R[rows]
+        if formula == 0:
+            terms = [1.0 + trace[rows], r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
+            q[rows] = np.stack(terms, axis=1)
+            continue
+        i, j, k = ((0, 1, 2), (1, 2, 0), (2, 0, 1))[formula - 1]
+        chosen = np.empty((len(r), 4))
+        chosen[:, 0] = r[:, k, j] - r[:, j, k]
+        chosen[:, 1 + i] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, k, k]
+        chosen[:, 1 + j] = r[:, j, i] + r[:, i, j]
+        chosen[:, 1 + k] = r[:, k, i] + r[:, i, k]
+        q[rows] = chosen
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """A frame in its parent at the times of several messages: position (n, 3) or (3,), quaternion wxyz alike."""
+
+    parent: str
+    child: str
+    position: Array
+    wxyz: Array
+
+    def transforms(self, stamps: list[Timestamp]) -> list[FrameTransform]:
+        """Return the frame at each of the times."""
+        n = len(stamps)
+        positions, quaternions = (
+            np.broadcast_to(a, (n, a.shape[-1])).tolist() for a in (self.position, self.wxyz)
+        )  # fmt: skip
+        return [
+            FrameTransform(
+                timestamp=stamp, parent_frame_id=self.parent, child_frame_id=self.child,
+                translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+            )
+            for stamp, (x, y, z), (qw, qx, qy, qz) in zip(stamps, positions, quaternions, strict=True)
+        ]  # fmt: skip
+
+
+class FrameTree:
+    """Makes the /tf messages of a run."""
+
+    def __init__(self, cell: CellFrames) -> None:
+        self._cell = cell
+        self._joints = {side: joint_placements(cell.urdf(side)) for side in cell.sides}
+
+    def transforms(self, instants: Instants) -> list[tuple[int, bytes]]:
+        """Return a message for each of the instants, as (t_ns, FrameTransforms)."""
+        frames: list[list[FrameTransform]] = [[] for _ in instants.t_ns]
+        if any(self._cell.table_size_m):
+            everywhere = np.arange(len(frames))
+            self._add(
+                frames, instants, everywhere, [_Track(WORLD, TABLE, np.array(self._cell.table_centre_m), _UPRIGHT)]
+            )
+        for name, known in instants.known.items():
+            tracks = self._object(known.records) if name == OBJECT else self._arm(name, known.records)
+            self._add(frames, instants, known.rows, tracks)
+        return [
+            (t, FrameTransforms(transforms=transforms).encode())
+            for t, transforms in zip(instants.t_ns.tolist(), frames, strict=True)
+        ]
+
+    def _add(
+        self, frames: list[list[FrameTransform]], instants: Instants, rows: NDArray[np.intp], tracks: "list[_Track]"
+    ) -> None:
+        stamps = instants.stamps(rows)
+        for track in tracks:
+            for row, transform in zip(rows.tolist(), track.transforms(stamps), strict=True):
+                frames[row].append(transform)
+
+    def _arm(self, side: str, samples: NDArray) -> list[_Track]:
+        base = f"{side}_base"
+        tracks = [_Track(WORLD, base, *_poses_of(self._cell.T_world_base(side)[None]))]
+        parent, angles = f"{side}_{BASE_LINK}", iter(0.5 * samples["q"].T)
+        tracks.append(_Track(base, parent, np.zeros(3), _UPRIGHT))
+        for joint in self._joints[side]:
+            turned = joint.orientation_wxyz
+            if joint.axis is not None:
+                half = next(angles)
+                turned = _products(turned, np.column_stack([np.cos(half), np.sin(half)[:, None] * joint.axis]))
+            child = f"{side}_{joint.child}"
+            tracks.append(_Track(parent, child, joint.position, turned))
+            parent = child
+        return [*tracks, _Track(base, f"{side}_pad", *_poses_of(samples["O_T_EE"]))]
+
+    def _object(self, poses: NDArray) -> list[_Track]:
+        return [_Track(WORLD, OBJECT, poses["position"], poses["orientation_wxyz"])]
+
+
+def _poses_of(T: Array) -> tuple[Array, Array]:
+    return T[:, :3, 3], quaternions_of(T[:, :3, :3])

@@ -1,0 +1,62 @@
+"""What other people's viewers show of a log by themselves, made from its samples: the topics beside the records'."""
+
+from functools import lru_cache
+
+import foxglove
+from foxglove.messages import FrameTransforms, PointCloud, SceneUpdate, VoxelGrid
+from numpy.typing import NDArray
+
+from rtstack.log.viewers.cell_urdf import Shape, cell_urdf, shapes_of
+from rtstack.log.viewers.frames import CellFrames, FrameTree
+from rtstack.log.viewers.instants import InstantFinder
+from rtstack.log.viewers.shapes import Forces, Solids
+from rtstack.log.viewers.voxels import VOXELS, voxel_messages
+
+TRANSFORMS, SOLIDS, FORCES, FORCE_LINES = "/tf", "/scene", "/forces", "/forces/lines"
+
+Messages = dict[str, list[tuple[int, bytes]]]
+
+
+def scenery_schemas() -> dict[str, foxglove.Schema]:
+    """Return the schema of every topic that is made from the records."""
+    return {
+        TRANSFORMS: FrameTransforms.get_schema(),
+        SOLIDS: SceneUpdate.get_schema(),
+        FORCES: SceneUpdate.get_schema(),
+        FORCE_LINES: PointCloud.get_schema(),
+    } | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
+
+
+@lru_cache(maxsize=8)  # a campaign's logs are of a few cells
+def _shapes(cell: CellFrames) -> list[Shape]:
+    return shapes_of(cell_urdf(cell))
+
+
+class Scenery:
+    """Makes these messages from a run's batches of records."""
+
+    def __init__(self, cell: CellFrames) -> None:
+        shapes = _shapes(cell)
+        self._instants = InstantFinder()
+        self._tree = FrameTree(cell)
+        self._solids, self._forces = Solids(shapes), Forces(cell)
+        self._voxels = shapes  # until they were said
+
+    def update(self, arms: dict[str, NDArray], poses: NDArray) -> Messages:
+        """Return the messages that are due in a batch, as (t_ns, bytes) by topic.
+
+        arms: the batch's ARM_SAMPLE records of each side; poses: its OBJECT_POSE records.
+        """
+        instants = self._instants.find(arms, poses)
+        if not len(instants.t_ns):
+            return {}
+        first_ns = int(instants.t_ns[0])
+        voxels = voxel_messages(self._voxels, first_ns)
+        self._voxels = []
+        arrows, lines = self._forces.messages(instants)
+        return {
+            SOLIDS: self._solids.updates(instants),
+            TRANSFORMS: self._tree.transforms(instants),
+            FORCES: arrows,
+            FORCE_LINES: lines,
+        } | {topic: [(first_ns, message)] for topic, message in voxels.items()}

@@ -1,0 +1,167 @@
+"""The topics /scene and /forces: what a viewer of foxglove.SceneUpdate draws, solids in their frames and arrows.
+
+The solids hang in the frames of /tf and move with them, so that they are said once a second, for a reader that begins
+late; only the arrows are new at each instant.
+"""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from foxglove.messages import (
+    ArrowPrimitive,
+    Color,
+    CubePrimitive,
+    CylinderPrimitive,
+    PackedElementField,
+    PackedElementFieldNumericType,
+    PointCloud,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    SpherePrimitive,
+    Timestamp,
+    Vector3,
+)
+from numpy.typing import NDArray
+
+from rtstack.log.viewers.cell_urdf import Shape
+from rtstack.log.viewers.frames import WORLD, CellFrames, from_rpy
+from rtstack.log.viewers.instants import Instants, stamp
+
+SOLIDS_PERIOD_NS = 1_000_000_000
+M_PER_N = 0.004  # of an arrow: a squeeze of 30 N is 12 cm
+LEAST_N = 1.0  # less is the estimate's noise, and no arrow
+POINTS = 24  # of a force's line, for viewers without arrows
+_ARROW = {"shaft_diameter": 0.012, "head_length": 0.03, "head_diameter": 0.03}  # m
+_FORCE_COLOURS = {"left": (0.85, 0.20, 0.20), "right": (0.20, 0.35, 0.90)}
+_POINT = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
+
+
+class Solids:
+    """Makes the /scene messages of a run: one entity a link, which moves with its frame."""
+
+    def __init__(self, shapes: list[Shape]) -> None:
+        self._shapes: dict[str, list[Shape]] = {}
+        for shape in shapes:
+            self._shapes.setdefault(shape.link, []).append(shape)
+        self._next_ns: int | None = None
+
+    def updates(self, instants: Instants) -> list[tuple[int, bytes]]:
+        """Return the messages that are due, as (t_ns, SceneUpdate)."""
+        due = []
+        for t in instants.t_ns.tolist():
+            if self._next_ns is None or t >= self._next_ns:
+                self._next_ns = (t // SOLIDS_PERIOD_NS + 1) * SOLIDS_PERIOD_NS
+                due.append((t, SceneUpdate(entities=self._entities(stamp(t))).encode()))
+        return due
+
+    def _entities(self, now: Timestamp) -> list[SceneEntity]:
+        return [
+            SceneEntity(
+                timestamp=now, frame_id=link, id=link, frame_locked=True,
+                cubes=[
+                    CubePrimitive(pose=_pose(s), size=vector(s.size), color=Color(**_rgba(s)))
+                    for s in shapes if s.kind == "box"
+                ],
+                cylinders=[
+                    CylinderPrimitive(
+                        pose=_pose(s), size=vector(s.size), bottom_scale=1.0, top_scale=1.0, color=Color(**_rgba(s))
+                    )
+                    for s in shapes if s.kind == "cylinder"
+                ],
+                spheres=[
+                    SpherePrimitive(pose=_pose(s), size=vector(s.size), color=Color(**_rgba(s)))
+                    for s in shapes if s.kind == "sphere"
+                ],
+            )
+            for link, shapes in self._shapes.items()
+        ]  # fmt: skip
+
+
+class Forces:
+    """Makes the messages of the forces by which the pads push their environment: arrows, and lines of points."""
+
+    def __init__(self, cell: CellFrames) -> None:
+        self._cell = cell
+
+    def messages(self, instants: Instants) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
+        """Return (t_ns, SceneUpdate) and (t_ns, PointCloud) for each of the instants."""
+        n = len(instants.t_ns)
+        entities: list[list[SceneEntity]] = [[] for _ in range(n)]
+        points: list[list[bytes]] = [[] for _ in range(n)]
+        stamps = instants.stamps()
+        for side in self._cell.sides:
+            known = instants.known.get(side)
+            if known is None:
+                continue
+            T = self._cell.T_world_base(side)
+            face = known.records["O_T_EE"][:, :3, 3] @ T[:3, :3].T + T[:3, 3]
+            force = known.records["O_F_ext_hat_K"][:, :3] @ T[:3, :3].T
+            for row, p, F in zip(known.rows.tolist(), face, force, strict=True):
+                newton = math.hypot(*F)
+                shown = newton >= LEAST_N
+                arrows = [_arrow(side, p, F, newton)] if shown else []
+                entities[row].append(
+                    SceneEntity(timestamp=stamps[row], frame_id=WORLD, id=f"{side}_force", arrows=arrows)
+                )
+                points[row].append(_line(side, p, F) if shown else b"")
+        times = instants.t_ns.tolist()
+        arrows = [(t, SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
+        lines = [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
+        return arrows, lines
+
+
+def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], newton: float) -> ArrowPrimitive:
+    x, y, z = (force / newton).tolist()
+    # the shortest turn from +x, along which an arrow points, to the force; from -x half a turn about z
+    w, turned = 1.0 + x, (0.0, -z, y)
+    q = (w, *turned) if w > 1e-9 else (0.0, 0.0, 0.0, 1.0)
+    norm = math.sqrt(sum(part * part for part in q))  # not by BLAS, whose last bit is the processor's
+    qw, qx, qy, qz = (part / norm for part in q)
+    px, py, pz = start.tolist()
+    pose = Pose(position=Vector3(x=px, y=py, z=pz), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    red, green, blue = _FORCE_COLOURS[side]
+    length = max(0.0, M_PER_N * newton - _ARROW["head_length"])
+    return ArrowPrimitive(pose=pose, shaft_length=length, color=Color(r=red, g=green, b=blue, a=1.0), **_ARROW)
+
+
+def _line(side: str, start: NDArray[np.float64], force: NDArray[np.float64]) -> bytes:
+    points = np.zeros(POINTS, _POINT)
+    points["xyz"] = start + np.linspace(0.0, M_PER_N, POINTS)[:, None] * force
+    points["rgba"] = [*(round(255 * part) for part in _FORCE_COLOURS[side]), 255]
+    return points.tobytes()
+
+
+def colour_fields(offset: int) -> list[PackedElementField]:
+    """Return the fields of a colour's four bytes, from this byte of a point or cell on."""
+    names, kind = ("red", "green", "blue", "alpha"), PackedElementFieldNumericType.Uint8
+    return [PackedElementField(name=name, offset=offset + k, type=kind) for k, name in enumerate(names)]
+
+
+def _cloud(now: Timestamp, data: bytes) -> bytes:
+    kinds = PackedElementFieldNumericType
+    fields = [
+        *(PackedElementField(name=name, offset=4 * k, type=kinds.Float32) for k, name in enumerate("xyz")),
+        *colour_fields(12),
+    ]
+    pose = Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+    return PointCloud(
+        timestamp=now, frame_id=WORLD, pose=pose, point_stride=_POINT.itemsize, fields=fields, data=data
+    ).encode()
+
+
+def _pose(shape: Shape) -> Pose:
+    w, x, y, z = from_rpy(np.array(shape.rpy)).tolist()
+    return Pose(position=vector(shape.position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def vector(values: Iterable[float]) -> Vector3:
+    """Return three numbers as Foxglove has them."""
+    x, y, z = map(float, values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _rgba(shape: Shape) -> dict[str, float]:
+    return dict(zip("rgba", shape.colour, strict=True))

@@ -1,0 +1,66 @@
+"""Foxglove's messages that a topic of the table may have: what viewers show without knowing our schema."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import foxglove
+import numpy as np
+from foxglove.messages import Log, LogLevel, Pose, PoseInFrame, Quaternion, Vector3
+from numpy.typing import NDArray
+
+from rtstack.log.viewers.instants import stamp
+from rtstack.samples import Level
+
+_LEVELS: dict[int, LogLevel] = {
+    Level.DEBUG: LogLevel.Debug,
+    Level.INFO: LogLevel.Info,
+    Level.WARNING: LogLevel.Warning,
+    Level.ERROR: LogLevel.Error,
+    Level.FATAL: LogLevel.Fatal,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StandardMessage:
+    """encode: one sample, and the frame of its first field, to the message; fill: the decoded message into a sample,
+    (1,), but for its t_ns."""
+
+    schema: foxglove.Schema
+    encode: Callable[[np.void, str], bytes]
+    fill: Callable[[NDArray[Any], Any], None]
+
+
+def _encode_pose(sample: np.void, frame: str) -> bytes:
+    x, y, z = sample["position"].tolist()
+    qw, qx, qy, qz = sample["orientation_wxyz"].tolist()
+    pose = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    return PoseInFrame(timestamp=stamp(int(sample["t_ns"])), frame_id=frame, pose=pose).encode()
+
+
+def _fill_pose(sample: NDArray[Any], message: Any) -> None:
+    p, q = message.pose.position, message.pose.orientation
+    sample["position"] = (p.x, p.y, p.z)
+    sample["orientation_wxyz"] = (q.w, q.x, q.y, q.z)
+    sample["seen"] = 1
+
+
+def _encode_event(sample: np.void, _frame: str) -> bytes:
+    return Log(
+        timestamp=stamp(int(sample["t_ns"])),
+        level=_LEVELS.get(int(sample["level"]), LogLevel.Unknown),
+        name=bytes(sample["name"]).decode("utf-8", "replace"),
+        message=bytes(sample["text"]).decode("utf-8", "replace"),
+    ).encode()
+
+
+def _fill_event(sample: NDArray[Any], message: Any) -> None:
+    sample["level"] = message.level
+    sample["name"] = message.name.encode("ascii", "replace")
+    sample["text"] = message.message.encode("ascii", "replace")
+
+
+STANDARD: dict[str, StandardMessage] = {
+    "foxglove.PoseInFrame": StandardMessage(PoseInFrame.get_schema(), _encode_pose, _fill_pose),
+    "foxglove.Log": StandardMessage(Log.get_schema(), _encode_event, _fill_event),
+}

@@ -1,0 +1,1 @@
+"""Writes a log: a process of its own, fed through rings."""

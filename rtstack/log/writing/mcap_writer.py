@@ -1,0 +1,211 @@
+"""The MCAP file while it is being written: foxglove-sdk behind topics, metadata, attachments; samples in batches."""
+
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, BinaryIO
+
+import foxglove
+import numpy as np
+from foxglove.mcap import MCAPCompression, MCAPWriteOptions
+from numpy.typing import NDArray
+
+from rtstack.log.viewers.scenery import Messages, Scenery, scenery_schemas
+from rtstack.log.viewers.standard import STANDARD
+from rtstack.log.writing.encoding import sample_descriptors, wire_format
+from rtstack.log.writing.job import Attachment, Evidence, texts
+from rtstack.samples import ARM_SAMPLE, SIDES
+from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC, TOPICS
+
+# a killed writer loses at most 0.5 s (contract); the other half is for reading the rings and compressing
+FLUSH_NS = 250_000_000
+
+
+class _File:
+    """A file that remembers why a write failed: the SDK's own errors say only that one did."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.error: OSError | None = None
+
+    def write(self, data: bytes | bytearray) -> int:
+        try:
+            return self._file.write(data)
+        except OSError as error:
+            self.error = error
+            raise
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def flush(self) -> None:
+        try:
+            self._file.flush()
+        except OSError as error:
+            self.error = error
+            raise
+
+
+class McapWriter:
+    """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time.
+
+    Every method raises OSError when the disk refuses.
+    """
+
+    def __init__(self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}) -> None:
+        """pictures: the topics of cameras."""
+        self._file = _File(file)
+        # kept here: the channels hold no reference to their context, and fall silent without it
+        self._context = context = foxglove.Context()
+        # without seeking, a chunk is written in one piece: a killed writer leaves whole chunks behind
+        options = MCAPWriteOptions(
+            compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0
+        )
+        self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
+        # as foxglove.Channel makes it, which keeps each one as long as the process lives: 150 kB a log
+        self._channels = {
+            topic: context._create_channel(topic, schema=schema, message_encoding=schema.encoding, metadata=None)
+            for topic, schema in (topic_schemas() | dict(pictures)).items()
+        }
+        self.messages = dict.fromkeys(self._channels, 0)
+        self._flushed_wall_ns = time.monotonic_ns()
+        self._flushed_log_ns: int | None = None
+        self._dirty = False
+
+    def begin(self, metadata: Iterable[tuple[str, dict[str, str]]], attachments: Iterable[Attachment]) -> None:
+        """Write what a log begins with: metadata records, name and values, and attachments."""
+        for name, values in metadata:
+            self.write_metadata(name, values)
+        for attachment in attachments:
+            self.attach(attachment.name, attachment.media_type, attachment.data)
+
+    def write_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record; one without values would be left out by the SDK, so it is not written."""
+        self._guard(self._writer.write_metadata, name, values)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Write an attachment. Its log time is 0: it belongs to the whole run."""
+        self._guard(
+            lambda: self._writer.attach(
+                log_time=0, create_time=time.time_ns(), name=name, media_type=media_type, data=data
+            )
+        )
+
+    def write(self, batches: dict[str, NDArray], made: Messages) -> None:
+        """Write records of all topics and the messages that were made from them, in order of robot's time."""
+        times: list[NDArray[np.int64]] = []
+        writes: list[Callable[[bytes, int], None]] = []
+        messages: list[bytes] = []
+        for topic, records in batches.items():
+            # an object that was never seen is not in the log
+            seen = records[records["seen"] != 0] if "seen" in (records.dtype.names or ()) else records
+            times.append(np.maximum(seen["t_ns"], 0))
+            self._take(topic, encoded(topic, seen), writes, messages)
+        for topic, each in made.items():
+            times.append(np.array([t for t, _ in each], np.int64))
+            self._take(topic, [message for _, message in each], writes, messages)
+        all_times = np.concatenate(times)
+        order = np.argsort(all_times, kind="stable")
+        due_ns = -1 if self._flushed_log_ns is None else self._flushed_log_ns + FLUSH_NS
+        for row, t_ns in zip(order.tolist(), all_times[order].tolist(), strict=True):
+            if t_ns >= due_ns:
+                if self._flushed_log_ns is not None:
+                    self.flush()
+                self._flushed_log_ns = t_ns
+                due_ns = t_ns + FLUSH_NS
+            writes[row](messages[row], t_ns)
+        self._dirty = self._dirty or bool(messages)
+
+    def _take(
+        self, topic: str, said: list[bytes], writes: list[Callable[[bytes, int], None]], messages: list[bytes]
+    ) -> None:
+        self.messages[topic] += len(said)
+        writes += [self._channels[topic].log] * len(said)
+        messages += said
+
+    def flush_if_due(self) -> None:
+        """Finish the chunk when the last one is 0.25 s of wall time old."""
+        if self._dirty and time.monotonic_ns() - self._flushed_wall_ns >= FLUSH_NS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Finish the chunk and hand it to the operating system."""
+        self._guard(self._writer.flush)
+        self._flushed_wall_ns = time.monotonic_ns()
+        self._dirty = False
+
+    def close(self) -> None:
+        """Write the summary and finish the file."""
+        self._guard(self._writer.close)
+
+    def _guard(self, call: Callable[..., None], *arguments: object) -> None:
+        try:
+            call(*arguments)
+        except RuntimeError as error:
+            raise self._file.error or OSError(str(error)) from error
+        if self._file.error is not None:
+            raise self._file.error
+
+
+def topic_schemas() -> dict[str, foxglove.Schema]:
+    """Return the schema of every topic of a log."""
+    return {name: _schema(topic.message.schema) for name, topic in TOPICS.items()} | scenery_schemas()
+
+
+def _schema(name: str) -> foxglove.Schema:
+    if name in STANDARD:
+        return STANDARD[name].schema
+    return foxglove.Schema(name=name, encoding="protobuf", data=sample_descriptors())
+
+
+def encoded(topic: str, records: NDArray) -> list[bytes]:
+    """Return one message a record."""
+    message = TOPICS[topic].message
+    if message.is_ours:
+        return wire_format(message.name).encode(records)
+    encode, frame = STANDARD[message.schema].encode, message.fields[0].frame
+    return [encode(record, frame) for record in records]
+
+
+class BatchWriter:
+    """Writes batches of records, a topic each, and what stands at the end of a log."""
+
+    def __init__(self, mcap: McapWriter, scenery: Scenery | None) -> None:
+        self._mcap = mcap
+        self._scenery = scenery
+
+    @property
+    def messages(self) -> int:
+        """Number of messages that were written, those for viewers included."""
+        return sum(self._mcap.messages.values())
+
+    def write(self, batches: dict[str, NDArray]) -> None:
+        """Write all of them, in order of robot's time."""
+        if any(len(records) for records in batches.values()):
+            self._mcap.write(batches, self._made(batches))
+
+    def _made(self, batches: dict[str, NDArray]) -> Messages:
+        if self._scenery is None:
+            return {}
+        poses = batches[OBJECT_TOPIC]
+        none = np.zeros(0, ARM_SAMPLE)  # of an arm that is not there
+        arms = {side: batches.get(topic, none) for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
+        return self._scenery.update(arms, poses[poses["seen"] != 0])
+
+    def finish(self, result: Mapping[str, Any], ended: str, evidence: Evidence | None, lost: Mapping[str, int]) -> None:
+        """Write result, evidence and the account of what was lost, by topic, and finish the file."""
+        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._mcap.messages.items()}
+        if evidence is not None:
+            for attachment in evidence.attachments:
+                self._mcap.attach(attachment.name, attachment.media_type, attachment.data)
+            self._mcap.write_metadata("fault", evidence.fault)
+        if result:
+            self._mcap.write_metadata("result", texts(result))
+        account = {
+            "ended": ended,
+            "messages": str(self.messages),
+            "lost": str(sum(lost.values())),
+            "topics": json.dumps(counts),
+        }
+        self._mcap.write_metadata("log", account)
+        self._mcap.close()

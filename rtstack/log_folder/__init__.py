@@ -1,0 +1,1 @@
+"""The folder of logs: what is in it, what people say about it, what is kept."""

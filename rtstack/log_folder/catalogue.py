@@ -1,0 +1,184 @@
+"""The logs of a directory, with what was asked and what came out. A cache: the files are the truth."""
+
+import contextlib
+import hashlib
+import json
+import sqlite3
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from mcap.opcode import Opcode
+from mcap.records import Metadata
+
+from rtstack.log.errors import LogError
+from rtstack.log.file.container import is_complete, open_mcap, scan
+from rtstack.log.reader import read_log
+
+CACHE = "catalogue.sqlite"
+_VERSION = 1  # of the table: another one is thrown away and rebuilt
+
+
+class LogCondition(StrEnum):
+    """Whether a log can be read."""
+
+    COMPLETE = "complete"
+    TRUNCATED = "truncated"  # cut off, or still being written
+    FOREIGN = "foreign"  # no log of ours
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One file of the directory. `id` is opaque and stays the same while the file grows.
+
+    trial and result: the metadata records of these names, values as the log has them, None without one.
+    """
+
+    id: str
+    path: Path
+    kind: str
+    trial: Mapping[str, str] | None
+    result: Mapping[str, str] | None
+    size_bytes: int
+    modified_s: float
+    condition: LogCondition
+
+
+def values_of(metadata: Mapping[str, str] | None) -> dict[str, Any]:
+    """Return the values of a metadata record, text or what its JSON says; none for None."""
+    values: dict[str, Any] = {}
+    for key, text in (metadata or {}).items():
+        try:
+            values[key] = json.loads(text)
+        except ValueError:
+            values[key] = text
+    return values
+
+
+class Catalogue:
+    """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable.
+
+    No link brings a file of another folder in: what is listed is served to all viewers.
+    patience_s: how long to wait for another process that writes the cache.
+    """
+
+    def __init__(self, directory: Path, patience_s: float = 5.0) -> None:
+        self.directory = Path(directory)
+        self._patience_s = patience_s
+
+    def entries(self) -> tuple[LogEntry, ...]:
+        """Return all logs, the newest first, after reading the ones that are new or have changed.
+
+        Raises LogError where the directory cannot be read.
+        """
+        try:
+            files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and self._is_ours(path)]
+        except OSError as error:
+            raise LogError(f"cannot read {self.directory}: {error.strerror}") from error
+        try:
+            with contextlib.closing(_open(self.directory / CACHE, self._patience_s)) as cache:
+                entries = _refresh(files, cache)
+        except sqlite3.Error:  # a directory that is not writable, or a cache that another process holds
+            with contextlib.closing(_prepared(":memory:")) as cache:
+                entries = _refresh(files, cache)
+        return tuple(sorted(entries, key=lambda entry: entry.modified_s, reverse=True))
+
+    def entry(self, log_id: str) -> LogEntry:
+        """Return the log of an id. Raises LogError where there is none."""
+        for entry in self.entries():
+            if entry.id == log_id:
+                return entry
+        raise LogError(f"there is no log {log_id}")
+
+    def _is_ours(self, path: Path) -> bool:
+        """Whether it is a file of this folder, with a name that can be said: what is listed can be downloaded."""
+        try:
+            path.name.encode()
+        except UnicodeEncodeError:
+            return False
+        return path.is_file() and (not path.is_symlink() or path.resolve().is_relative_to(self.directory.resolve()))
+
+
+def _open(path: Path, patience_s: float) -> sqlite3.Connection:
+    try:
+        return _prepared(path, patience_s)
+    except sqlite3.OperationalError:  # locked, or not writable: nothing is wrong with its content
+        raise
+    except sqlite3.DatabaseError:  # broken, or of another version
+        path.unlink(missing_ok=True)
+        return _prepared(path, patience_s)
+
+
+def _prepared(path: Path | str, patience_s: float = 0.0) -> sqlite3.Connection:
+    cache = sqlite3.connect(path, timeout=patience_s)
+    try:
+        version = cache.execute("PRAGMA user_version").fetchone()[0]
+        if version not in (0, _VERSION):
+            raise sqlite3.DatabaseError("another version")
+        if version == 0:  # new; saying the version again would write and sync, at each look
+            cache.execute(
+                "CREATE TABLE IF NOT EXISTS logs (name TEXT PRIMARY KEY, size INTEGER, modified_ns INTEGER, entry TEXT)"
+            )
+            cache.execute(f"PRAGMA user_version = {_VERSION}")
+            cache.commit()
+    except sqlite3.DatabaseError:
+        cache.close()
+        raise
+    return cache
+
+
+def _refresh(files: list[Path], cache: sqlite3.Connection) -> list[LogEntry]:
+    known = {row[0]: row[1:] for row in cache.execute("SELECT name, size, modified_ns, entry FROM logs")}
+    entries = []
+    for path in files:
+        with contextlib.suppress(FileNotFoundError):  # removed meanwhile
+            entries.append(_entry(path, known.get(path.name), cache))
+    gone = [(name,) for name in known.keys() - {path.name for path in files}]
+    cache.executemany("DELETE FROM logs WHERE name = ?", gone)
+    cache.commit()
+    return entries
+
+
+def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEntry:
+    status = path.stat()
+    if known is not None and known[:2] == (status.st_size, status.st_mtime_ns):
+        content = json.loads(known[2])
+    else:
+        condition, metadata = _read(path)
+        content = {
+            "condition": condition,
+            "kind": metadata.get("trial", {}).get("kind", "trial"),
+            "trial": metadata.get("trial"),
+            "result": metadata.get("result"),
+        }
+        row = (path.name, status.st_size, status.st_mtime_ns, json.dumps(content))
+        cache.execute("INSERT OR REPLACE INTO logs VALUES (?, ?, ?, ?)", row)
+    return LogEntry(
+        id=hashlib.blake2b(path.name.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest(),
+        path=path,
+        kind=content["kind"],
+        trial=content["trial"],
+        result=content["result"],
+        size_bytes=status.st_size,
+        modified_s=status.st_mtime_ns * 1e-9,
+        condition=LogCondition(content["condition"]),
+    )
+
+
+def _read(path: Path) -> tuple[LogCondition, dict[str, dict[str, str]]]:
+    try:
+        with open_mcap(path) as file:
+            if not is_complete(file):
+                metadata = {}
+                for record in scan(file):
+                    if record.opcode == Opcode.CHUNK:
+                        break  # what was asked stands before the first data
+                    if record.opcode == Opcode.METADATA:
+                        parsed = Metadata.read(record.stream())
+                        metadata[parsed.name] = parsed.metadata
+                return LogCondition.TRUNCATED, metadata
+        return LogCondition.COMPLETE, read_log(path).metadata
+    except Exception:  # whatever is wrong with it, the other logs are still to be listed
+        return LogCondition.FOREIGN, {}

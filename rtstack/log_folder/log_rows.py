@@ -1,0 +1,173 @@
+"""The list of logs as the page shows it: what was asked, what came out, one row a file."""
+
+import contextlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from rtstack.log.errors import LogError
+from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry, values_of
+from rtstack.log_folder.remarks import Remarks, load_remarks
+from rtstack.monitor.records import Verdict
+from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
+
+BY_HAND = "recording"
+RECORDINGS = ("demonstration", BY_HAND)
+PLAN = "plan"  # of `rtstack plan`: a planned recording
+
+
+class Ending(StrEnum):
+    """How a run ended, in the words that lists and cards colour. An impact that was not meant is no plain success."""
+
+    SUCCESS = "success"
+    UNEXPECTED = "unexpected impact"
+    FAILURE = "failure"
+    NONE = "no result"
+
+
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """One log. `ending` in a word, `outcome` in one line; `when` is Unix time of the last change, s.
+
+    recording: a trial may follow it; title and decision: a person's, for a recording. starred, tags and note: a
+    person's, for any log. law_inertia: the mass matrix of the controller's law, None if the log names none.
+    """
+
+    id: str
+    name: str
+    kind: str
+    controller: str | None
+    object: str | None
+    displacement_mm: float | None
+    seed: int | None
+    success: bool | None
+    outcome: str
+    verdict: str | None
+    note: str | None
+    average_force_norm: float | None
+    max_lift_mm: float | None
+    when: float
+    size_bytes: int
+    recording: bool
+    title: str
+    decision: str | None
+    displacement_x_mm: float | None
+    yaw_deg: float | None
+    law_inertia: str | None
+    ending: Ending
+    starred: bool
+    tags: tuple[str, ...]
+
+
+class NoReference(Exception):
+    """A log that no trial may follow. The message is one line."""
+
+
+def reference_of(catalogue: Catalogue, log_id: str) -> LogEntry:
+    """Return what a trial may follow: an accepted recording or a plan. Raises NoReference, LogError for no log."""
+    entry = catalogue.entry(log_id)
+    if not log_row(entry, None).recording:
+        raise NoReference("no trial may follow this log; choose an accepted recording or a plan")
+    return entry
+
+
+def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
+    """Return the row of one log; `being_written` names the running job's file."""
+    trial = values_of(entry.trial)
+    asked = trial.get("specification")
+    result = values_of(entry.result)
+    values = {**trial, **(asked if isinstance(asked, dict) else {}), **result}
+    seed = _number(values.get("seed"))
+    success = values.get("success") if isinstance(values.get("success"), bool) else None
+    acceptance, remarks = _acceptance(entry), remarks_on(entry)
+    ending = _ending(success, values.get("impact_verdict"))
+    return LogRow(
+        id=entry.id,
+        name=entry.path.name,
+        kind="not ours" if entry.condition is LogCondition.FOREIGN else entry.kind,
+        controller=_text(values.get("controller")),
+        object=_text(values.get("object")),
+        displacement_mm=_number(values.get("displacement_mm")),
+        seed=None if seed is None else int(seed),
+        success=success,
+        outcome=_outcome(entry, entry.path.name == being_written, success, values),
+        verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
+        note=remarks.note or (acceptance.note if acceptance is not None else "") or _text(values.get("note")),
+        average_force_norm=_number(values.get("average_force_norm")),
+        max_lift_mm=_number(values.get("max_lift_mm")),
+        when=entry.modified_s,
+        size_bytes=entry.size_bytes,
+        recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, acceptance)),
+        title=acceptance.name if acceptance is not None else "",
+        decision=str(acceptance.verdict) if acceptance is not None else None,
+        displacement_x_mm=_number(values.get("displacement_x_mm")),
+        yaw_deg=_number(values.get("yaw_deg")),
+        law_inertia=(entry.trial or {}).get("law_inertia"),
+        ending=ending,
+        starred=remarks.starred,
+        tags=remarks.tags,
+    )
+
+
+def remarks_on(entry: LogEntry) -> Remarks:
+    """Return what people say about a log, nothing where the file with it is broken."""
+    with contextlib.suppress(LogError):
+        return load_remarks(entry.path)
+    return Remarks()
+
+
+def _acceptance(entry: LogEntry) -> Acceptance | None:
+    """What was said about a recording, None about any other log, or where the file about it is broken."""
+    with contextlib.suppress(AcceptanceError):
+        return load_acceptance(entry.path) if entry.kind in RECORDINGS else None
+    return None
+
+
+def _may_be_followed(kind: str, acceptance: Acceptance | None) -> bool:
+    """A hand's recording once it was accepted, a scripted one until it is rejected."""
+    if acceptance is None:
+        return False
+    if kind == BY_HAND:
+        return acceptance.verdict is AcceptanceState.ACCEPTED
+    return acceptance.verdict is not AcceptanceState.REJECTED
+
+
+def _is_plan(entry: LogEntry) -> bool:
+    return entry.kind == PLAN and entry.condition is LogCondition.COMPLETE
+
+
+def _ending(success: bool | None, verdict: Any) -> Ending:
+    if success is None:
+        return Ending.NONE
+    if not success:
+        return Ending.FAILURE
+    return Ending.UNEXPECTED if verdict == Verdict.UNEXPECTED.name.lower() else Ending.SUCCESS
+
+
+def _outcome(entry: LogEntry, being_written: bool, success: bool | None, values: Mapping[str, Any]) -> str:
+    if being_written:
+        return "being written"
+    if entry.condition is LogCondition.FOREIGN:
+        return "no log of ours"
+    if success is None and entry.condition is LogCondition.TRUNCATED:
+        return "cut off: rtstack recover gives back the rest"
+    if success is None:
+        return "planned" if _is_plan(entry) else "no result"
+    if not success:
+        return f"failed: {values.get('failure_reason') or 'no reason given'}"
+    if _ending(success, values.get("impact_verdict")) is Ending.UNEXPECTED:
+        kind = values.get("impact_kind")
+        return f"the object was held, the impact was not as meant{f': probably {kind}' if kind else ''}"
+    return "success"
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)

@@ -1,0 +1,136 @@
+"""Hits of the arm in cells of their own, and the pad's velocity after an impact, learned from nominal hits.
+
+A cell has one robot, and a platform with a random set-up error.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.base.arrays import Seven
+from hal.base.configuration import ConfigurationError
+from hal.pad import Pad
+from rtstack.experiments.experiment import DIRECT
+from rtstack.experiments.seeds import seed_of
+from rtstack.model.cell_description import ArmMounting
+from rtstack.monitor.parameters import MonitorParameters
+from rtstack.papers.aim_aware.arm.study import ArmStudy, Rates
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.planar.parameters import Task
+from rtstack.papers.aim_aware.planar.plan import approach_velocity
+from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit
+from rtstack.papers.aim_aware.platform.plan import AXES, PERIOD_S, HitPlan, plan_hit
+from rtstack.papers.aim_aware.platform.setup import Setup, platform_files
+from rtstack.papers.simulated_cell import BuiltCell, WorkerHost
+from rtstack.trials.carry_out import carry_out
+from rtstack.trials.record import RunLog
+from rtstack.trials.specification import HitSpecification
+from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
+from sim_robot.scene import Scene, load_scene
+
+PLATFORM_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robot)
+Twist = tuple[float, float, float]
+LARGE = 1e3  # a bound that is never reached
+NOTHING = "nothing"
+
+
+@lru_cache(maxsize=1)
+def _simulated() -> tuple[Scene, PlantParameters]:
+    """The scene's file has a second arm far away, which takes no part."""
+    return load_scene(platform_files()[0]).only(("left",)), load_plant_parameters()
+
+
+def hit_scene(setup: Setup, home: Seven, inclination_deg: float, seed: int) -> Scene:
+    """Return the scene of a hit, the arm at rest at home (7,), rad. seed: of how exactly the platform is set up."""
+    scene, _ = _simulated()
+    assert scene.platform is not None
+    draw = np.random.default_rng(np.random.SeedSequence([seed, PLATFORM_DRAW])).standard_normal(2)
+    x, y, z = scene.platform.centre
+    platform = replace(
+        scene.platform,
+        centre=(x, y, z + 1e-3 * setup.height_mm * float(draw[0])),
+        inclination_deg=inclination_deg + setup.inclination_deg * float(draw[1]),
+        stiffness=setup.stiffness or scene.platform.stiffness,
+        damping=setup.damping or scene.platform.damping,
+    )
+    pad = replace(scene.pad, friction=setup.friction or scene.pad.friction)
+    return replace(scene, platform=platform, pad=pad, left=replace(scene.arms[0], home=home))
+
+
+def platform_cell(setup: Setup, home: Seven, inclination_deg: float, seed: int) -> BuiltCell:
+    """Return the cell of a hit: the same robot whatever the seed, which draws noise, and how exactly the platform is
+    set up."""
+    scene, parameters = hit_scene(setup, home, inclination_deg, seed), _simulated()[1]
+    return BuiltCell(scene, parameters, NOTHING, seed, arms_seed=setup.robot)
+
+
+@lru_cache(maxsize=16)
+def _planned(
+    mounting: ArmMounting, pad: Pad, task: Task, approach_deg: float, location_m: float, twist: Twist
+) -> HitPlan:
+    return plan_hit(mounting, pad, task, np.radians(approach_deg), location_m, np.array(twist))
+
+
+def plan_case(study: ArmStudy, case: Case, twist: Twist) -> HitPlan:
+    """Plan the impact of a case. twist: learned velocity of the pad after it."""
+    return _planned(study.mounting, study.pad, study.task, case.approach_deg, case.location_m, twist)
+
+
+def prepare_hit(
+    study: ArmStudy, case: Case, plan: HitPlan, monitoring: MonitorParameters, seed: int, until: int | None = None
+) -> PreparedHit:
+    """Return the run of one hit, for `until` ticks at most."""
+    specification = HitSpecification(case.id, case.inclination_deg, study.setup.robot, seed)
+    return PreparedHit(specification, study.description, study.gains, plan, monitoring, until)
+
+
+def hit_case(study: ArmStudy, case: Case, prepared: PreparedHit, log: RunLog | None = None, kind: str = DIRECT) -> Hit:
+    """Run one hit on a cell of its own. kind: see BuiltCell. Raises what opening it raises."""
+    a, b, c, d, e, f, g = map(float, prepared.plan.q_start)
+    built = platform_cell(study.setup, (a, b, c, d, e, f, g), case.inclination_deg, prepared.specification.seed)
+    return carry_out(prepared, WorkerHost(built, kind, log))
+
+
+class Learner:
+    """Learns the velocity after a nominal impact, from hits with seeds that are used for nothing else."""
+
+    def __init__(self, study: ArmStudy) -> None:
+        self._study = study
+
+    def nominal(self, approach_deg: Iterable[float]) -> list[Case]:
+        """Return the hits to learn from: inclination 0, `learning` repetitions of each approach angle."""
+        location_m = self._study.grid.location_m.first
+        return [Case(deg, location_m, 0.0, n) for deg in approach_deg for n in range(self._study.tuning.learning)]
+
+    def learn(self, cases: Iterable[Case], rates: Rates) -> dict[str, Twist]:
+        """Return the pad's velocities after a nominal impact, by approach angle."""
+        seen: dict[str, list[NDArray[np.float64]]] = {}
+        horizon = round(next(iter(self._study.tunings.values())).horizon_s / PERIOD_S)
+        for case in cases:
+            plan, seed = plan_case(self._study, case, self.prior(case)), self._seed("learning", case)
+            done = hit_case(self._study, case, prepare_hit(self._study, case, plan, self._monitoring(rates), seed))
+            first = int(np.argmax(done.ticks["post"]))
+            if done.stopped or first == 0:
+                raise ConfigurationError(f"a nominal hit at {case.approach_deg:g} deg: {done.stopped or 'no impact'}")
+            twist = done.ticks["twist"][first : first + horizon, AXES].mean(axis=0)
+            seen.setdefault(f"{case.approach_deg:g}", []).append(twist)
+        return {deg: _twist(np.mean(twists, axis=0)) for deg, twists in seen.items()}
+
+    def prior(self, case: Case) -> Twist:
+        """Return the velocity that a frictionless platform would leave."""
+        x, _, _ = approach_velocity(self._study.task, np.radians(case.approach_deg))
+        return float(x), 0.0, 0.0
+
+    def _monitoring(self, rates: tuple[float, ...]) -> MonitorParameters:
+        return next(iter(self._study.tunings.values())).parameters(rates, LARGE, LARGE)
+
+    def _seed(self, what: str, case: Case) -> int:
+        return seed_of(self._study.seed, what, case.id)
+
+
+def _twist(values: NDArray[np.float64]) -> Twist:
+    x, z, turn = (round(float(value), 4) for value in values)
+    return x, z, turn

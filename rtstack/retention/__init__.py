@@ -1,1 +1,0 @@
-"""What becomes of old logs: which may go, and how what was known of them is kept."""

@@ -1,0 +1,104 @@
+"""Carries out a run: open the cell, start motion, log, run. The only place that does it, whatever asks for the run.
+
+A kind of run is a subclass of PreparedRun in a module of its own, and says there what differs. Where it runs, a command
+at a terminal, the robot process or a campaign's worker, is a Host.
+"""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from hal.cell import Cell
+from hal.displacement import Displacement
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.record import RunLog, TrialLog, open_log
+from rtstack.trials.result import Result
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.start_motion import StartMotion, start_motion
+
+R = TypeVar("R", bound=Result)
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedRun(Generic[R]):
+    """A run whose specification was read and checked; no cell and no log is open yet. Base of all kinds of run.
+
+    keeps_open_cell: it runs on the cell as it is, with what the pads hold. led: a person leads the arms, whose geometry
+    need not have been measured. logged: a log can be written.
+    """
+
+    keeps_open_cell: ClassVar[bool] = False
+    led: ClassVar[bool] = False
+    logged: ClassVar[bool] = True
+    specification: Any
+    description: CellDescription
+
+    @property
+    def displacement(self) -> Displacement:
+        """The displacement of the object in the cell that is opened."""
+        return self.specification.displacement
+
+    @property
+    def noise_seed(self) -> int | None:
+        """Seed of a simulated cell's noise; None: that of the specification."""
+        return None
+
+    def look(self, cell: Cell) -> str:
+        """Return in one line what is to be known of the open cell before it runs, "" for nothing. Raises TrialError."""
+        return ""
+
+    def start_motion(self, cell: Cell) -> StartMotion | None:
+        """Return the motion to where the run begins, by default to home; None where the arms begin anywhere.
+
+        Raises TrialError, HardwareError.
+        """
+        return start_motion(cell, self.description, self.specification.object, self.displacement)
+
+    def about(self) -> dict[str, Any]:
+        """Return what the log has of this kind besides the common: keyword arguments of open_log."""
+        return {}
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> R:
+        """Run on the open cell. way: the start motion, before the first tick. Closes the context's log."""
+        raise NotImplementedError
+
+    def open_log(
+        self, path: Path, cell_kind: str, cell_file: Path, cell: Cell, campaign: Mapping[str, str] | None = None
+    ) -> TrialLog:
+        """Start the log of the run. campaign: what it says of the campaign that the run is part of. Raises LogError."""
+        return open_log(
+            path, self.specification, self.description, cell_kind, cell_file, cell=cell, campaign=campaign,
+            **self.about(),
+        )  # fmt: skip
+
+
+class Host(Protocol):
+    """Where a run is carried out: which cell it gets, what accompanies it, and where its log goes."""
+
+    def cell(self, run: PreparedRun) -> AbstractContextManager[Cell]:
+        """Give the open cell. Raises HardwareError."""
+        ...
+
+    def warn(self, text: str) -> None:
+        """Show a person one line about the cell."""
+        ...
+
+    def accompany(self, run: PreparedRun, cell: Cell) -> AbstractContextManager[RunContext]:
+        """Give what accompanies the run, without its log: a person has allowed the motion. Raises TrialError."""
+        ...
+
+    def log(self, run: PreparedRun, cell: Cell) -> RunLog | None:
+        """Start the log; None where none is written. Raises LogError, TrialError."""
+        ...
+
+
+def carry_out(run: PreparedRun[R], host: Host) -> R:
+    """Carry out a prepared run. Raises TrialError, LogError, HardwareError; then no arm has moved."""
+    with host.cell(run) as cell:
+        if said := run.look(cell):
+            host.warn(said)
+        way = run.start_motion(cell)
+        with host.accompany(run, cell) as context:
+            return run.run(cell, replace(context, log=host.log(run, cell)), way)

@@ -1,0 +1,121 @@
+"""Places an object: both arms take it from where the tracker sees it, and set it down where it is wanted."""
+
+from dataclasses import dataclass
+from math import atan2, degrees, pi
+
+import numpy as np
+
+from hal.base.arrays import Array
+from hal.cell import Cell
+from hal.displacement import Displacement
+from rtstack.loop.history import Columns
+from rtstack.loop.session import SessionPlan
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.placement import carried
+from rtstack.safety.limits import ForcePhase
+from rtstack.samples import Mode
+from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.errors import TrialError
+from rtstack.trials.object import check_object, check_two_arms
+from rtstack.trials.result import PlacementResult
+from rtstack.trials.run import Run
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.scoring import failure_reason
+from rtstack.trials.specification import PlacementSpecification, like
+from rtstack.trials.start_motion import StartMotion, object_before, start_motion
+from rtstack.trials.tightening import limits_of_arms
+
+NEAR_MM, NEAR_DEG = 5.0, 2.0  # an object that stands nearer is where it is wanted: a person with a ruler does no better
+UPRIGHT_DEG = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedPlacement(PreparedRun[PlacementResult]):
+    """One attempt: take the object, carry it, set it down, and look where it stands."""
+
+    specification: PlacementSpecification
+
+    def start_motion(self, cell: Cell) -> StartMotion | None:
+        """See PreparedRun: to home, around the object where it stands."""
+        where = object_stands(cell, self.description, self.specification.object)
+        return start_motion(cell, self.description, self.specification.object, where)
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> PlacementResult:
+        """See PreparedRun. Raises TrialError where the object is not seen, or does not stand upright."""
+        specification, description = self.specification, self.description
+        stands, wanted = object_stands(cell, description, specification.object), specification.wanted
+        parameters = cell_parameters(description)
+        thing, stiffness = description.objects[specification.object], parameters.control.stiffness_teleoperation
+        arms = arm_controllers(description, parameters)
+        targets = carried(
+            (arms[0].model, arms[1].model), description.home, thing, description.table, stands=stands, wanted=wanted,
+            pad_friction=thing.pad_friction or description.contact_friction.pad, stiffness_n_m=float(stiffness[1]),
+            period_s=parameters.control.period_s,
+        )  # fmt: skip
+        plan = SessionPlan(
+            targets, targets, Mode.TELEOPERATION, stiffness, parameters.control.period_s, phase=ForcePhase.CONTACT
+        )
+        with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
+            outcome = run.follow(cell)
+            reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+            carried_out = reason is None
+            off_mm = off_deg = float("nan")
+            try:
+                off_mm, off_deg = difference(object_stands(cell, description, specification.object), wanted)
+            except TrialError as error:
+                reason = reason or str(error)
+            if reason is None and (off_mm > NEAR_MM or off_deg > NEAR_DEG):
+                reason = f"the object stands {off_mm:.1f} mm and {off_deg:.1f} degrees from where it is wanted"
+            result = like(
+                PlacementResult, specification, outcome, success=reason is None, failure_reason=reason, cell=cell.name,
+                carried=carried_out, off_mm=_known(off_mm), off_deg=_known(off_deg),
+                peak_force_n=_peak_force(run.history.columns()), log=run.log_name,
+            )  # fmt: skip
+            return run.finished(result)
+
+
+def prepare_placement(specification: PlacementSpecification, description: CellDescription) -> PreparedPlacement:
+    """Check the object and the arms. Raises TrialError with one line."""
+    check_object(specification.object, description)
+    check_two_arms(description, "placing an object")
+    return PreparedPlacement(specification, description)
+
+
+def object_stands(cell: Cell, description: CellDescription, name: str) -> Displacement:
+    """Return where the tracker sees the object stand, from its nominal place; its yaw is within half a turn.
+
+    Raises TrialError with one line where it is not seen, or does not stand upright on the table; HardwareError.
+    """
+    pose, thing = object_before(cell, description), description.objects[name]
+    if not pose.record["seen"][0]:
+        raise TrialError(f"the tracker does not see {name}: put it upright on the table, within the arms' reach")
+    w, x, y, z = pose.orientation_wxyz.tolist()
+    lean = degrees(2.0 * np.arcsin(min(1.0, float(np.hypot(x, y)))))
+    above = float(pose.position[2]) - description.table.top_z - thing.size[2] / 2.0
+    if lean > UPRIGHT_DEG or abs(above) > description.tracker.place_tolerance_m:
+        raise TrialError(
+            f"{name} does not stand upright on the table (it leans by {lean:.0f} degrees, {1e3 * above:+.0f} mm above "
+            "it): set it up, within the arms' reach"
+        )
+    return Displacement(float(pose.position[0]), float(pose.position[1]), _folded(2.0 * atan2(z, w)))
+
+
+def difference(stands: Displacement, wanted: Displacement) -> tuple[float, float]:
+    """Return by how much an object is off, mm and degrees; a box that is turned by half a turn is the same."""
+    off_m = np.hypot(stands.x_m - wanted.x_m, stands.y_m - wanted.y_m)
+    return 1e3 * float(off_m), degrees(abs(_folded(stands.yaw_rad - wanted.yaw_rad)))
+
+
+def _folded(angle: float) -> float:
+    """Return an angle between -90 and 90 degrees, rad, of what looks the same after half a turn."""
+    return (angle + pi / 2.0) % pi - pi / 2.0
+
+
+def _peak_force(columns: Columns) -> float:
+    forces: Array = columns.arm["O_F_ext_hat_K"][..., :3]
+    return float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else value

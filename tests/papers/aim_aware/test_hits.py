@@ -1,0 +1,125 @@
+"""A hit as a run of a one-arm cell: in this process and over the wire, its log, and a stop of the safety judge."""
+
+import re
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from rtstack.experiments.experiment import Request
+from rtstack.experiments.registry import plan_file
+from rtstack.log.reader import read_log
+from rtstack.model.cell_description import load_cell_description
+from rtstack.papers.aim_aware.arm import one_hit
+from rtstack.papers.aim_aware.arm.experiment import PlatformStudy
+from rtstack.papers.aim_aware.arm.hits import hit_case, plan_case, prepare_hit
+from rtstack.papers.aim_aware.arm.study import STUDY, ArmRun, LogFolder, load_arm_run
+from rtstack.papers.aim_aware.arm.worker import judged_case
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.platform.hit import hit_parameters, ticks_of
+from rtstack.papers.aim_aware.platform.setup import platform_cell_file
+from rtstack.trials.review import log_columns, review_log
+from tests.support.fci.server import serve
+
+FILE = plan_file(STUDY).path
+CASE = Case(100.0, 0.51, 4.0)
+
+
+@pytest.fixture(scope="module")
+def run() -> ArmRun:
+    return load_arm_run(FILE, True)
+
+
+@pytest.fixture
+def plan(run):
+    return plan_case(run.study, CASE, run.tuned.learned["100"])
+
+
+def test_the_cells_file_has_the_arm_and_the_pad_of_the_study(run):
+    description = load_cell_description(platform_cell_file())
+    assert description.sides == ("left",)
+    assert description.pad == run.study.pad
+    arms = [asdict(arm) | {"address": ""} for arm in (*description.arms, run.study.mounting)]
+    assert arms[0] == arms[1]
+
+
+def test_a_hit_over_the_wire_in_lockstep_is_the_one_in_this_process_to_the_last_bit(run):
+    direct, _, _ = judged_case(run, CASE)
+    served, done, _ = judged_case(replace(run, cell="lockstep"), CASE)
+    assert done.stopped == ""
+    assert direct.ticks["post"].any()
+    assert (direct.ticks == served.ticks).all()
+
+
+def test_a_hits_log_has_its_ticks_and_says_what_it_was(run, plan, tmp_path):
+    impact, done, seed = judged_case(replace(run, logs=LogFolder(tmp_path, "abc")), CASE)
+    path = tmp_path / f"{CASE.id}.mcap"
+    log, review = read_log(path), review_log(path)
+    parameters = hit_parameters(run.study.description, run.study.gains, plan)
+    assert (ticks_of(log_columns(log), run.study.description, parameters) == impact.ticks).all()
+    assert (review.kind, review.sides, review.complete) == ("hit", ("left",), True)
+    assert (review.recorded["success"], done.stopped) == ("true", "")
+    assert log.metadata["campaign"]["digest"] == "abc"
+    assert log.metadata["trial"]["seed"] == str(seed)
+    assert {a.name for a in log.attachments} == {"cell.toml", "fr3.urdf"}
+    # the verdict in the loop is the one that the report makes of the ticks
+    found = impact.assess(next(iter(run.monitors().values())))
+    assert review.recorded["impact_verdict"] == found.verdict.name.lower()
+    assert float(review.recorded["impact_margin"]) == found.margin
+    assert [event.text for event in review.events if event.name == "impact"] == [
+        f"detected at {1e-3 * int(np.argmax(impact.ticks['post'])):.3f} s, left"
+    ]
+
+
+def test_a_plan_says_whether_its_hits_are_logged(tmp_path):
+    for logs in (False, True):
+        path = tmp_path / f"{logs}.toml"
+        path.write_text(
+            FILE.read_text(encoding="utf-8").replace("seed = 70001", f"seed = 70001\nlogs = {str(logs).lower()}")
+        )
+        experiment = PlatformStudy(load_arm_run(path, True), Request(plan_file(str(path)), tmp_path))
+        assert experiment.specification.logs == (LogFolder(tmp_path / "logs", experiment.digest) if logs else None)
+        next(experiment.stages())
+        assert (tmp_path / "logs").exists() == logs
+
+
+@pytest.mark.parametrize(
+    ("safety", "said"),
+    [
+        ({"force_max": 80.0}, "left: the pad pushes harder .* N, allowed 80"),  # after the impact
+        ({"ee_speed_max": 0.1}, "left: .* m/s, allowed 0.1"),  # before it
+    ],
+)
+def test_a_stop_of_the_judge_ends_the_hit_and_is_said(run, plan, safety, said):
+    study, monitoring = run.study, run.monitors()["a"]
+    prepared = prepare_hit(study, CASE, plan, monitoring, 1)
+    done = hit_case(study, CASE, replace(prepared, description=replace(study.description, safety=safety)))
+    assert 0 < len(done.ticks) < len(plan.dq_post)
+    assert re.match(said, done.stopped), done.stopped
+    assert done.failure_reason == f"safety stop: {done.stopped}"
+    whole = hit_case(study, CASE, prepared).ticks
+    assert (done.ticks == whole[: len(done.ticks)]).all()  # what the judge stopped is no tick of the hit
+
+
+def test_one_hit_at_an_address_is_run_by_a_command(tmp_path, capsys):
+    path = tmp_path / "hit.mcap"
+    with serve("--scene", "platform", "--only", "left", "--lockstep") as served:
+        kind = f"fci:{served.left}"
+        for _ in range(2):  # the arm goes back to the start by itself
+            path.unlink(missing_ok=True)
+            assert one_hit.main([kind, "--log", str(path)]) == 0
+            assert "b expected" in capsys.readouterr().out
+        review = review_log(path)
+        assert (review.recorded["success"], review.trial["cell"]) == ("true", kind)
+        assert review.recorded["impact_verdict"] == "expected"
+        refused = (
+            ([kind, "--log", str(path)], "exists already"),
+            (["direct", "--log", str(tmp_path / "other.mcap")], "cell 'direct' has no platform"),
+            ([kind, "--approach-deg", "95"], "choose one of 100, 110, 120, 130"),
+        )
+        for arguments, reason in refused:
+            assert one_hit.main(arguments) == 2
+            said = capsys.readouterr().err
+            assert reason in said
+            assert said.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["hit.mcap"]
