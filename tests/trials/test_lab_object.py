@@ -76,8 +76,10 @@ def test_every_command_that_handles_objects_names_the_file_alike():
         assert options["--cell-file"].name == "cell_file", name
         if name in ("up", "robot", "console"):  # the contract's name, and what unit files have
             assert options["--cell"].hidden
-        elif name in ("teach", "trial", "play", "campaign"):  # the kind of cell
+        elif name in ("teach", "trial", "play"):  # the kind of cell
             assert options["--cell"].default == "direct"
+        elif name == "campaign":  # the kind of cell, where the campaign has a choice
+            assert options["--cell"].default is None
         else:
             assert "--cell" not in options
 
