@@ -42,6 +42,7 @@ COMMANDS = {
     "check": ("check", "Say what this machine lacks, and what that costs; with their addresses hold the arms."),
     "host-setup": ("host_setup", "Set this PC up for the arms: limits, CPU isolation, governor, network; as root."),
     "campaign": ("campaign", "Run many trials and write what they show: figures, tables, and each claim."),
+    "campaign compare": ("campaign", "Say what differs between two campaigns of one plan: each column, each claim."),
     "tune-monitor": ("monitor", "Find the aim-aware monitor's parameters from good runs of one object."),
     "impact-map": ("impact_map", "Say what velocity follows an impact: single step and converged, with impulses."),
     "twin": ("twin", "Identify both arms from their logs: a profile of the simulated robot, a friction."),
@@ -58,7 +59,9 @@ class LazyGroup(TyperGroup):
     """Lists the table without an import, and loads the command that is invoked."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """Return the name of the command, the command from its module, and its arguments."""
+        """Return the name of the command, one word or two, the command from its module, and its arguments."""
+        if (both := " ".join(args[:2])) in COMMANDS:
+            args = [both, *args[2:]]
         name, _, rest = super().resolve_command(ctx, args)
         return name, None if name is None else load(name), rest
 

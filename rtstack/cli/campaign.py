@@ -6,6 +6,8 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
+from json import dumps
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +16,8 @@ import typer
 
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import handled
-from rtstack.cli.options import CellFile, Profile
+from rtstack.cli.options import CellFile, Json, Profile
+from rtstack.cli.tables import print_table
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
@@ -74,6 +77,30 @@ def campaign(
         _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler, host)
 
 
+@commands.command("campaign compare")
+def campaign_compare(
+    first: Annotated[Path, typer.Argument(metavar="DIR")],
+    second: Annotated[Path, typer.Argument(metavar="DIR")],
+    json: Json = False,
+) -> None:
+    """Say what differs between two campaigns of one plan: each column of their common rows, each claim.
+
+    Exit status 1 where a row is not common or a column differs.
+    """
+    from rtstack.experiments.comparison import compare
+
+    found = compare(first, second)
+    if json:
+        typer.echo(dumps(asdict(found)))
+    else:
+        for table in found.tables(str(first), str(second)):
+            if table.lines:
+                print_table(table.headings, table.lines, "")
+        typer.echo(found.summary)
+    if not found.same:
+        raise typer.Exit(FAILED)
+
+
 def _opened(name: str, request: "Request", quick: bool, given: Iterable[str]) -> "Experiment[Any, Any]":
     """Return the campaign. given: the options of the command line that not every kind takes."""
     from rtstack.experiments.registry import kind_named, kind_of
@@ -105,36 +132,16 @@ def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
 
 
 def _run(experiment: "Experiment[Any, Any]", workers: int, scheduler: str | None, host: "Terminal | None") -> None:
-    from rtstack.experiments.cell_runner import CellRunner
-    from rtstack.experiments.experiment import Results
-    from rtstack.experiments.preliminary import Preliminary
-    from rtstack.experiments.progress import campaign_progress
-    from rtstack.experiments.report import write_report
-    from rtstack.experiments.runner import Runner
-    from rtstack.experiments.store import Store
-    from rtstack.experiments.workers import distant_workers, local_workers, slots
+    from rtstack.experiments.invocation import invoke
+    from rtstack.experiments.workers import distant_workers, local_workers
 
     with distant_workers(scheduler) if scheduler else local_workers(workers) as client:
-        at_once = slots(client)
-        experiment.request.out.mkdir(exist_ok=True)
-        with Store(experiment.request.out, experiment.columns) as store:
-            store.claim(experiment)
-            with campaign_progress(store.out) as progress:
-                parts = experiment, store, client, progress, Preliminary(experiment, store)
-                runner = Runner(*parts) if host is None else CellRunner(*parts, host=host)
-                try:
-                    runner.run()
-                finally:
-                    tally = runner.tally
-                    store.note_invocation(tally.rows, tally.robot_s, tally.wall_s, at_once)
-            rows = store.rows(experiment.cases(store.rows()))
-            report = experiment.report(Results(rows, store.out))
-            page = write_report(report, experiment, store, rows)
+        done = invoke(experiment, client, host)
     gc.freeze()  # what is left is for the system: the interpreter's end would look at each object, 0.6 s of them
-    print(_pace(experiment, tally, at_once))
-    if report.summary:
-        print(report.summary)
-    end(page, tally.failures, report)
+    print(_pace(experiment, done.tally, done.at_once))
+    if done.report.summary:
+        print(done.report.summary)
+    end(done.page, done.tally.failures, done.report)
 
 
 def _pace(experiment: "Experiment[Any, Any]", tally: "Tally", at_once: int) -> str:

@@ -62,7 +62,8 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All of it. figures: beside those of the parts. made: name and value of what else is said of how it was made.
+    """All of it. figures, tables: beside those of the parts. made: name and value of what else is said of how it was
+    made.
 
     page: package and name of a template of its own (in the package's folder `pages`, extending page.html), to which
     `values` are given. left_out: cases that cannot be run and are none that are missing. summary: lines for stdout at
@@ -71,6 +72,7 @@ class Report:
 
     parts: Sequence[Section]
     figures: Sequence[Figure] = ()
+    tables: Sequence[Table] = ()
     made: Sequence[tuple[str, str]] = ()
     page: tuple[str, str] = ("rtstack.experiments", "page.html")
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -94,6 +96,7 @@ def write_preliminary(report: Report, experiment: "Experiment[Any, Any]", store:
         "digest": experiment.digest,
         "registration": registered(experiment, store),
         "conditions": [_part(part) for part in report.parts],
+        "tables": [asdict(table) for table in report.tables],
     }  # fmt: skip
     write_whole(out / NUMBERS, json.dumps(numbers, indent=1) + "\n")
 
@@ -117,7 +120,7 @@ def write_report(
         figure=figure, placed=placed, drawn=[figure.file for figure in report.figures],
         experiment=experiment, plan=experiment.specification, file=experiment.request.file, unit=experiment.unit,
         digest=experiment.digest, rows=rows, planned=experiment.specification.size(), left_out=report.left_out,
-        parts=report.parts,
+        parts=report.parts, tables=report.tables,
         verdicts=Counter(str(claim.verdict) for part in report.parts for claim in part.claims),
         registered=registered(experiment, store), commits=sorted({row["git_commit"] for row in rows}),
         made=report.made, pace=pace(store.invocations(), experiment.logged), **report.values,

@@ -59,7 +59,10 @@ def test_a_campaign_runs_on_served_arms_and_what_a_person_aborts_counts_for_noth
         first = pose[pose["seen"] == 1][0]["position"]
         assert abs(1e3 * first[1] - float(row["displacement_mm"])) < 6.0
         assert row["success"].lower() == log.metadata["result"]["success"]
-    assert json.loads((out / "report.json").read_text())
+    beside, claims = json.loads((out / "report.json").read_text())["tables"]
+    assert beside["note"].startswith("2 common rows; ")
+    assert len(claims["lines"]) > 0
+    assert "Rows of the simulation and the arms" in (out / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def unknown_word(command: str) -> str | None:
     found: Any = whole()
     _, *words = shlex.split(command)
     while hasattr(found, "commands") and words and not words[0].startswith("-"):
-        name = words.pop(0)
+        name, words = _next_command(found, words)
         if name not in found.commands:
             return name
         found = found.commands[name]
@@ -69,11 +69,17 @@ def unknown_word(command: str) -> str | None:
     return next((word for word in words if word.startswith("--") and word.partition("=")[0] not in known), None)
 
 
+def _next_command(group: Any, words: list[str]) -> tuple[str, list[str]]:
+    """Return the name of a group's command, of two words or one, and the words after it."""
+    count = 2 if " ".join(words[:2]) in group.commands else 1
+    return " ".join(words[:count]), words[count:]
+
+
 def _parsed(arguments: list[str]) -> str | None:
     command: Any = whole()
     name = "rtstack"
     while hasattr(command, "commands") and arguments and not arguments[0].startswith("-"):
-        name, *arguments = arguments
+        name, arguments = _next_command(command, arguments)
         if name not in command.commands:
             return f"rtstack has no command {name}"
         command = command.commands[name]
