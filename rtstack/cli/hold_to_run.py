@@ -12,7 +12,7 @@ import termios
 import threading
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -28,7 +28,7 @@ _LOOK_S = 0.05
 
 
 class HoldToRun:
-    """What stands between a command and the arms of a cell: nothing where they are simulated."""
+    """What stands between a command and the arms of a cell: nothing where they are simulated (`needed` is False)."""
 
     def __init__(self, cell_kind: str, description: CellDescription, cell_file: Path, led: bool = False) -> None:
         """led: a person leads the arms, whose geometry need not have been measured.
@@ -40,12 +40,12 @@ class HoldToRun:
         kind.check(argument, description, cell_file)
         if not led:
             kind.measured(argument, description, cell_file)
-        self._needed = not kind.simulated(argument, description)
+        self.needed = not kind.simulated(argument, description)
         self._cell = f"{description.name} ({cell_kind})"
         self._name = description.name
         self._held_ns = 0
         self._confirmed = False
-        if self._needed and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        if self.needed and not (sys.stdin.isatty() and sys.stderr.isatty()):
             raise TrialError(
                 f"the arms of {self._cell} are not simulated: they move only while a person holds the space bar, so "
                 "give the command in a terminal; or use the page (rtstack up)"
@@ -57,26 +57,68 @@ class HoldToRun:
 
         A second time the arms' name is not asked for again. Raises TrialError where the person does not confirm.
         """
-        if not self._needed:
+        if not self.needed:
             yield ()
             return
         if not self._confirmed:
             self._confirm(what)
         self._confirmed, self._held_ns = True, 0
+        done = threading.Event()
+        with self._keys() as descriptor:
+            watch = threading.Thread(target=self._watch, args=(descriptor, stop, done), daemon=True, name="hold-to-run")
+            try:
+                _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
+                self._await_key(descriptor, stop)
+                watch.start()
+                yield (Heartbeat(lambda: self._held_ns, CLUTCH_S, End.RELEASED),)
+            finally:
+                done.set()
+                if watch.ident is not None:
+                    watch.join()
+
+    @contextmanager
+    def watched(self, what: str, stop: Interrupt, pause: Callable[[], None]) -> Iterator[None]:
+        """Ask once; then the arms move by themselves while a person watches: any key stops them, p pauses.
+
+        stop: raised at a key, and when the terminal is gone. pause: called at p. Raises TrialError where the person
+        does not confirm.
+        """
+        if not self.needed:
+            yield
+            return
+        self._confirm(what)
+        with self._keys() as descriptor:
+            done = threading.Event()
+            watch = threading.Thread(
+                target=self._watch_keys, args=(descriptor, stop, pause, done), daemon=True, name="watched"
+            )
+            _say("The arms move by themselves. Stay and watch: any key stops them, p pauses after the present motion.")
+            watch.start()
+            try:
+                yield
+            finally:
+                done.set()
+                watch.join()
+
+    def _watch_keys(self, descriptor: int, stop: Interrupt, pause: Callable[[], None], done: threading.Event) -> None:
+        beside_realtime()
+        while not done.is_set():
+            keys = _keys(descriptor)
+            if keys == b"p":
+                pause()
+            elif keys is not None:
+                stop.stop_requested = True
+                return
+
+    @contextmanager
+    def _keys(self) -> Iterator[int]:
+        """Give the terminal's descriptor, on which each key arrives at once."""
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
-        done = threading.Event()
-        watch = threading.Thread(target=self._watch, args=(descriptor, stop, done), daemon=True, name="hold-to-run")
         try:
             tty.setcbreak(descriptor)
-            _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
-            self._await_key(descriptor, stop)
-            watch.start()
-            yield (Heartbeat(lambda: self._held_ns, CLUTCH_S, End.RELEASED),)
+            yield descriptor
         finally:
-            done.set()
-            if watch.ident is not None:
-                watch.join()
             termios.tcsetattr(descriptor, termios.TCSAFLUSH, before)
 
     def _confirm(self, what: str) -> None:
@@ -109,16 +151,21 @@ class HoldToRun:
 
 def _space(descriptor: int) -> bool:
     """Return whether the space bar came within a moment. A terminal that is gone gives nothing."""
+    keys = _keys(descriptor)
+    if keys == b"":
+        time.sleep(_LOOK_S)
+    return keys is not None and b" " in keys
+
+
+def _keys(descriptor: int) -> bytes | None:
+    """Return what came within a moment, None for nothing; empty where the terminal is gone."""
     ready, _, _ = select.select([descriptor], [], [], _LOOK_S)
     if not ready:
-        return False
+        return None
     try:
-        keys = os.read(descriptor, 64)
+        return os.read(descriptor, 64)
     except OSError:
-        keys = b""
-    if not keys:
-        time.sleep(_LOOK_S)
-    return b" " in keys
+        return b""
 
 
 def _say(text: str, end: str = "\n") -> None:

@@ -46,6 +46,7 @@ class Terminal:
     _hold: HoldToRun | None = None
     _cell: Cell | None = None
     _context: RunContext | None = None
+    _paused: str = ""
     _warned: set[str] = field(default_factory=set)
 
     @classmethod
@@ -101,6 +102,34 @@ class Terminal:
         if text not in self._warned:
             self._warned.add(text)
             print(f"rtstack: warning: {text}", file=sys.stderr)
+
+    @property
+    def stopped(self) -> bool:
+        """See CellHost."""
+        return self._context is not None and self._context.stop is not None and self._context.stop.stop_requested
+
+    @property
+    def paused(self) -> str:
+        """See CellHost."""
+        return self._paused
+
+    def look(self, reason: str) -> None:
+        """See CellHost: nobody is there where the arms are simulated."""
+        if self.check().needed:
+            self._paused = f"{reason}: look at the cell, then press p to go on"
+
+    def _toggle_pause(self) -> None:
+        self._paused = "" if self._paused else "paused: press p to go on"
+
+    @contextmanager
+    def watched(self) -> Iterator[RunContext]:
+        """See CellHost. Raises TrialError without confirmation."""
+        with interruptible() as stop, self.check().watched(self.what, stop, self._toggle_pause):
+            self._context = RunContext(stop=stop, watchdogs=(Parent(),))
+            try:
+                yield self._context
+            finally:
+                self._context = None
 
     @contextmanager
     def held(self, bar: bool = True) -> Iterator[RunContext]:

@@ -200,11 +200,15 @@ class Experiment(ABC, Generic[S, C]):
         """Return the tasks that make the rows of these cases."""
 
     def on_cell(self, case: C) -> CellRun:
-        """Return a case as a run on arms; its row then comes from its log, by `adopt`.
+        """Return a case as a run on arms; its row then comes from its log, by `row_of_log`.
 
         Raises TrialError where this kind runs in the simulator alone.
         """
         raise TrialError(f"{self.specification.name} runs in the simulator alone: --cell direct, or lockstep")
+
+    def row_of_log(self, case: C, log: Path) -> Row | None:
+        """Return the row of a case that ran on arms from its log, None where it is not a complete one of this case."""
+        raise NotImplementedError
 
     def robot_s(self, row: Row) -> float:
         """Return how many seconds of the robot's time a row took."""

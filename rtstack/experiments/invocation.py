@@ -6,7 +6,10 @@ from typing import Any
 
 from distributed import Client
 
-from rtstack.experiments.cell_runner import CellHost, CellRunner
+from rtstack.experiments import attempts
+from rtstack.experiments.cell.host import CellHost
+from rtstack.experiments.cell.runner import CellRunner
+from rtstack.experiments.cell.schedule import schedule_of
 from rtstack.experiments.comparison import compare
 from rtstack.experiments.experiment import DIRECT, Experiment, Results
 from rtstack.experiments.preliminary import Preliminary
@@ -52,7 +55,12 @@ def invoke(experiment: Experiment[Any, Any], client: Client, host: CellHost | No
         report = experiment.report(Results(rows, out))
         page = write_report(report, experiment, store, rows)
         if host is not None:
-            report = _beside_simulation(report, experiment, client)
+            done, drift = store.attempts(), schedule_of(experiment.specification).drift
+            report = replace(
+                _beside_simulation(report, experiment, client),
+                figures=(*report.figures, *attempts.figures(done, drift)),
+            )
+            report = replace(report, tables=(*attempts.tables(done, drift), *report.tables))
             page = write_report(report, experiment, store, rows)
     return Invocation(report, page, tally, at_once)
 

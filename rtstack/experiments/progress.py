@@ -39,6 +39,7 @@ class Progress:
         self._robot_s = 0.0
         self._began_s = self._said_s = time.monotonic()
         self._written_s = -FILE_S
+        self._told = ""
 
     def begin(self, label: str, done: int, total: int) -> None:
         """Start counting a stage: so many are done already."""
@@ -65,6 +66,17 @@ class Progress:
         elif ended or time.monotonic() - self._said_s > LINE_S:
             self._say()
 
+    def tell(self, text: str) -> None:
+        """Show what a person is to do or to know, one line that stays until the next one; "" for none."""
+        if text == self._told:
+            return
+        self._told = text
+        self._write()
+        if text and self._bar is not None:
+            self._bar.console.print(text)
+        elif text:
+            print(text, file=sys.stderr, flush=True)
+
     def close(self) -> None:
         """Bring the file to what it is now."""
         if self._label:
@@ -83,6 +95,7 @@ class Progress:
         """Replace the file by a whole one."""
         self._written_s = time.monotonic()
         values = {"stage": self._label, "done": self._done, "failed": self._failed, "total": self._total}
+        values |= {"says": self._told} if self._told else {}
         write_whole(self._file, json.dumps(values) + "\n")
 
 

@@ -18,7 +18,7 @@ from rtstack.experiments.claims import Claim, ClaimStatus
 PLAN_DIGEST = (
     "plan_digest"  # what a store calls the digest of the plan's file when its first result was about to be made
 )
-UNDIGESTED = ("claims", "registration")  # keys of a plan on which no row depends
+UNDIGESTED = ("claims", "registration", "on_cell")  # keys of a plan on which no row depends
 
 
 @checked(frozen=True, slots=True, config=STRICT)

@@ -6,12 +6,13 @@ import sqlite3
 import typing
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from hal.base.files import locked
+from rtstack.experiments.attempts import Attempt
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.experiments.registration import PLAN_DIGEST, file_digest
 from rtstack.trials.errors import TrialError
@@ -19,6 +20,7 @@ from rtstack.trials.errors import TrialError
 DATABASE = "campaign.sqlite"
 RESULTS = "results.csv"
 TIMES = "times.csv"
+ATTEMPTS = "attempts.csv"
 # what a host makes of a trial, and not the trial: in a table of their own when written as CSV
 OF_THE_HOST = ("wall_s", "cpu_s", "worker", "compute_us_p50", "compute_us_p99", "real_time_factor")
 PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float, "worker": str}
@@ -62,6 +64,8 @@ class Store:
             database.execute("CREATE TABLE IF NOT EXISTS campaign (name TEXT PRIMARY KEY, value TEXT)")
             numbers = "trials INTEGER, robot_s REAL, wall_s REAL, workers INTEGER"
             database.execute(f"CREATE TABLE IF NOT EXISTS invocations ({numbers})")
+            declared = ", ".join(f"{name} {_sql_type(kind)}" for name, kind in columns_of(Attempt).items())
+            database.execute(f"CREATE TABLE IF NOT EXISTS attempts ({declared})")
 
     def __enter__(self) -> "Store":
         return self
@@ -99,6 +103,18 @@ class Store:
         """Return what `note_invocation` kept."""
         return [dict(row) for row in self._database.execute("SELECT * FROM invocations")]
 
+    def note_attempt(self, attempt: Attempt) -> None:
+        """Keep what was attempted on arms."""
+        values = asdict(attempt)
+        with self._database as database:
+            marks = ", ".join(f":{name}" for name in values)
+            database.execute(f"INSERT INTO attempts ({', '.join(values)}) VALUES ({marks})", values)
+
+    def attempts(self) -> list[Attempt]:
+        """Return what `note_attempt` kept, in order."""
+        found = self._database.execute("SELECT * FROM attempts ORDER BY rowid")
+        return [Attempt(**{**row, "counts": bool(row["counts"])}) for row in map(dict, found)]
+
     def about(self) -> dict[str, str]:
         """Return what `claim` noted."""
         return {row["name"]: row["value"] for row in self._database.execute("SELECT name, value FROM campaign")}
@@ -117,14 +133,17 @@ class Store:
         return list(found.values()) if cases is None else [found[case.id] for case in cases if case.id in found]
 
     def write_csv(self, rows: list[Row]) -> None:
-        """Write the results and, in a file of their own, what depends on the host."""
+        """Write the results, and in files of their own what depends on the host, and what was attempted on arms."""
         results = [name for name in self._columns if name not in OF_THE_HOST]
         times = ["id", *(name for name in OF_THE_HOST if name in self._columns)]
-        for file, names in ((RESULTS, results), (TIMES, times)):
+        attempts = [asdict(attempt) for attempt in self.attempts()]
+        files = [(RESULTS, results, rows), (TIMES, times, rows)]
+        files += [(ATTEMPTS, list(columns_of(Attempt)), attempts)] if attempts else []
+        for file, names, lines in files:
             with open(self.out / file, "w", newline="", encoding="utf-8") as out:
                 writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
                 writer.writeheader()
-                writer.writerows(rows)
+                writer.writerows(lines)
 
     def _row(self, row: sqlite3.Row) -> Row:
         return {name: bool(row[name]) if kind is bool else row[name] for name, kind in self._columns.items()}

@@ -5,12 +5,19 @@ import json
 import signal
 import socket
 import time
+from dataclasses import dataclass
 
 import pytest
 
+from hal.displacement import Displacement
 from rtstack.cells import default_cell_file
-from rtstack.experiments.cell_runner import aborted
+from rtstack.experiments import attempts
+from rtstack.experiments.attempts import Attempt, Kind, aborted
+from rtstack.experiments.cell.reset import instruction
+from rtstack.experiments.cell.schedule import CellSchedule, control_case, ordered
 from rtstack.log.reader import read_log
+from rtstack.model.cell_description import load_cell_description
+from rtstack.trials.errors import TrialError
 from tests.support.campaigns import PATIENCE_S, Command, two_controllers
 from tests.support.fci.server import serve
 
@@ -59,7 +66,16 @@ def test_a_campaign_runs_on_served_arms_and_what_a_person_aborts_counts_for_noth
         first = pose[pose["seen"] == 1][0]["position"]
         assert abs(1e3 * first[1] - float(row["displacement_mm"])) < 6.0
         assert row["success"].lower() == log.metadata["result"]["success"]
-    beside, claims = json.loads((out / "report.json").read_text())["tables"]
+        assert abs(float(row["placed_y_mm"]) - float(row["displacement_mm"])) < 6.0
+        assert abs(float(row["placed_yaw_deg"])) < 2.5
+    tried = list(csv.DictReader((out / "attempts.csv").read_text().splitlines()))
+    cases = [each for each in tried if each["kind"] == "case"]
+    assert [each["counts"] for each in cases] == ["False", "True", "True"]
+    assert cases[0]["failed"] == "stop requested by the operator"
+    assert {each["kind"] for each in tried} > {"case", "placement"}
+    _, times, placements, beside, claims = json.loads((out / "report.json").read_text())["tables"]
+    assert {line[0] for line in times["lines"]} >= {"case", "placement"}
+    assert float(placements["lines"][0][1]) < 5.0
     assert beside["note"].startswith("2 common rows; ")
     assert len(claims["lines"]) > 0
     assert "Rows of the simulation and the arms" in (out / "report.html").read_text()
@@ -87,3 +103,58 @@ def test_what_cannot_run_on_arms_says_so_before_anything_is_made(tmp_path, comma
     assert done.returncode == 2
     assert "aim-aware-grab runs in the simulator: direct, or lockstep" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+@dataclass(frozen=True)
+class OneCase:
+    id: str
+    repetition: int
+
+
+def test_the_order_is_drawn_block_by_block_and_stays_the_same():
+    cases = [OneCase(f"{name}{k}", k) for name in "abcdefgh" for k in range(3)]
+    order = ordered(cases, CellSchedule(), "digest")
+    assert sorted(order, key=cases.index) == cases
+    assert [case.repetition for case in order] == [0] * 8 + [1] * 8 + [2] * 8
+    assert order == ordered(cases[::-1][::-1], CellSchedule(), "digest")
+    blocks = [[case.id[0] for case in order if case.repetition == k] for k in range(3)]
+    assert len(set(map(tuple, blocks))) == 3
+    assert order != ordered(cases, CellSchedule(seed=1), "digest")
+
+
+def test_a_control_case_that_the_plan_does_not_have_is_named():
+    with pytest.raises(TrialError, match=r"on_cell\.control: the plan has no case b"):
+        control_case([OneCase("a", 0)], CellSchedule(control="b"))
+
+
+def test_the_report_counts_attempts_and_fits_the_drift_of_control_cases(tmp_path):
+    made = [Attempt("2026-11-26T00:00:00", Kind.CASE, "a", "the operator let go", False, 2.0)]
+    for k in range(4):
+        row = json.dumps({"lift_mm": 10.0 + 0.5 * k, "none": None})
+        made.append(Attempt("", Kind.CONTROL, "c", None, False, 4.0, row=row))
+        made += [Attempt("", Kind.CASE, f"{k}.{n}", None, True, 4.0) for n in range(10)]
+        made.append(Attempt("", Kind.PLACEMENT, "a", None, False, 8.0, off_mm=float(k), off_deg=0.1, peak_force_n=30.0))
+    outcomes, times, placements, drift = attempts.tables(made, ["lift_mm", "none"])
+    assert ("case", "no", "the operator let go", "1") in outcomes.lines
+    assert ("case", "yes", "-", "40") in outcomes.lines
+    assert {line[0]: line[2] for line in times.lines} == {
+        "case": "4.0", "control case": "4.0", "placement": "8.0"
+    }  # fmt: skip
+    assert placements.lines[0] == ("off, mm", "1.50", "2.85", "3.00")
+    ((name, runs, mean, slope),) = drift.lines
+    assert (name, runs, mean, slope) == ("lift_mm", "4", "10.75", "5 [5, 5]")  # 0.5 in 10 cases
+    (figure,) = attempts.figures(made, ["lift_mm", "none"])
+    figure.draw(tmp_path / "drift.png")
+    assert (tmp_path / "drift.png").stat().st_size > 1000
+
+
+def test_a_person_is_told_how_to_move_the_object():
+    description = load_cell_description(default_cell_file())
+    stands, wanted = Displacement(0.010, 0.0, 0.05), Displacement(0.0, 0.012, 0.0)
+    assert instruction("parcel", stands, wanted, description) == (
+        "parcel: move it 12 mm towards the left arm, 10 mm against x, turn it by 3 degrees clockwise, seen from above"
+    )
+    turned = Displacement(0.0, 0.0, -1.55)  # a box turned by half a turn is the same
+    assert instruction("parcel", turned, Displacement(0.0, -0.02, 1.55), description) == (
+        "parcel: move it 20 mm towards the right arm, turn it by 2 degrees clockwise, seen from above"
+    )

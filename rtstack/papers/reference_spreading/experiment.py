@@ -101,6 +101,12 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
         return on_arms(self._bench, case, self.specification.conditions[case.conditions])
 
+    def row_of_log(self, case: Trial, log: Path) -> Row | None:
+        """See Experiment."""
+        from rtstack.papers.reference_spreading.worker import row_of_log
+
+        return row_of_log(self._bench, log, case, self.columns)
+
     def tidy(self) -> None:
         """Remove the halves of logs that workers left which were killed."""
         from hal.base.files import PARTIAL

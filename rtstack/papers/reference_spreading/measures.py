@@ -45,6 +45,8 @@ class Measures:
     contact_completed_s: when the detector of contact_completion, run on the log, finds both pads in lasting contact;
     interim_ms: length of the interim mode. limited_ticks: in which a limit of the QP was active on an arm, and
     rate_limited_ticks: in which the limit of the torque's rate was; both are limits that the paper does not have so.
+    placed_x_mm, placed_y_mm, placed_yaw_deg: where the tracker saw the object stand before it was met, from its nominal
+    place; None where it was not seen.
     """
 
     first_contact_s: float | None
@@ -68,6 +70,9 @@ class Measures:
     rate_limited_ticks: int
     contact_completed_s: float | None
     interim_ms: float | None
+    placed_x_mm: float | None
+    placed_y_mm: float | None
+    placed_yaw_deg: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +174,7 @@ def measure(
     around = (t_s > impact_s - BEFORE_S) & (t_s < nominal_impact_s + AFTER_S) & moving
     window = (np.abs(t_s - nominal_impact_s) <= FORCE_WINDOW_S + 1e-9) & moving
     largest = int(np.argmax(np.where(around, steps, 0.0))) if around.any() else None
+    placed = _placed(columns.object)
     swing = (t_s >= nominal_impact_s) & (t_s < nominal_impact_s + SWING_S) & moving
     return Measures(
         first_contact_s=_at(t_s, first),
@@ -192,7 +198,20 @@ def measure(
         rate_limited_ticks=_rate_limited(columns, moving),
         contact_completed_s=_at(t_s, completed),
         interim_ms=_interim_ms(t_s, mode),
+        placed_x_mm=placed[0],
+        placed_y_mm=placed[1],
+        placed_yaw_deg=placed[2],
     )
+
+
+def _placed(poses: NDArray[np.void]) -> tuple[float | None, float | None, float | None]:
+    """Return where the object stands before anything moves: mm along x and y, degrees about z within a quarter turn."""
+    if not len(poses):
+        return None, None, None
+    x, y = 1e3 * np.median(poses["position"][:STANDING_POSES, :2], axis=0)
+    w, _, _, z = np.median(poses["orientation_wxyz"][:STANDING_POSES], axis=0)
+    yaw_deg = (np.degrees(2.0 * np.arctan2(z, w)) + 90.0) % 180.0 - 90.0
+    return float(x), float(y), float(yaw_deg)
 
 
 def _at(values: Array, tick: int | None) -> float | None:

@@ -89,11 +89,12 @@ def adopted(bench: Bench, trials: Iterable[Trial], columns: Mapping[str, Any]) -
     logs = bench.archive.names(LOGS)
     for trial in trials:
         name = f"{trial.id}.mcap"
-        if name in logs and (row := _row_of_log(bench, bench.archive.file(f"{LOGS}/{name}"), trial, columns)):
+        if name in logs and (row := row_of_log(bench, bench.archive.file(f"{LOGS}/{name}"), trial, columns)):
             yield row
 
 
-def _row_of_log(bench: Bench, path: Path, trial: Trial, columns: Mapping[str, Any]) -> Row | None:
+def row_of_log(bench: Bench, path: Path, trial: Trial, columns: Mapping[str, Any]) -> Row | None:
+    """Return a trial's row from its log at a path; None where it is not a complete one of this campaign."""
     try:
         log = read_log(path)
     except LogError:

@@ -1,0 +1,105 @@
+"""How the object gets to where a case wants it: the arms carry it there; what they cannot mend, a person does."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from hal.cell import Cell
+from hal.displacement import Displacement
+from rtstack.experiments.attempts import Kind, aborted
+from rtstack.experiments.experiment import CellRun
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.errors import TrialError
+from rtstack.trials.move import PreparedMove, holds
+from rtstack.trials.placement import NEAR_DEG, NEAR_MM, difference, object_stands, prepare_placement
+from rtstack.trials.specification import HandMotion, MoveSpecification, PlacementSpecification
+
+ATTEMPTS = 3  # of the arms, before a person is asked
+STANDS_S = 1.0  # so long the object has to stand in its place, once a person has put it there
+Carry = Callable[[PreparedRun[Any], Kind, str], Any]
+Wait = Callable[[Callable[[], str], Kind, str], None]
+
+
+class Reset:
+    """Sets the object of a cell in its place.
+
+    carry: carries out a run, and notes it as an attempt for a case; wait: waits for a person, tells what is to be done
+    for as long as there is something to tell, and notes that for a case.
+    """
+
+    def __init__(self, cell: Cell, carry: Carry, wait: Wait) -> None:
+        self._cell, self._carry, self._wait = cell, carry, wait
+
+    def set_in_place(self, planned: CellRun, case_id: str) -> None:
+        """Have the arms put down what they hold and carry the object to where the case wants it; ask a person where
+        they cannot. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile.
+        """
+        description, name = planned.run.description, planned.run.specification.object
+        if holds(self._cell, description):
+            down = PreparedMove(MoveSpecification(HandMotion.PUT_DOWN, name), description)
+            if reason := self._carry(down, Kind.PUT_DOWN, case_id).failure_reason:
+                raise TrialError(f"{name} could not be put down: {reason}")
+        if not self._by_the_arms(description, name, planned.wanted, case_id):
+            self._by_a_person(description, name, planned.wanted, case_id)
+
+    def _by_the_arms(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
+        """Return whether the object stands in its place, after some placements where it did not before."""
+        x_mm, y_mm, yaw_deg = 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg
+        for attempt in range(ATTEMPTS + 1):
+            try:
+                if _near(difference(object_stands(self._cell, description, name), wanted)):
+                    return True
+                if attempt == ATTEMPTS:
+                    return False
+                specification = PlacementSpecification(name, x_mm, y_mm, yaw_deg)
+                result = self._carry(prepare_placement(specification, description), Kind.PLACEMENT, case_id)
+            except TrialError:  # it is not seen, has fallen, or is out of reach
+                return False
+            if aborted(result.failure_reason):
+                raise TrialError(f"placing {name} was aborted: {result.failure_reason}")
+            if not result.carried:
+                return False
+        return False
+
+    def _by_a_person(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> None:
+        """Tell a person what is wrong until the object has stood in its place for STANDS_S. Raises TrialError."""
+        since_s: float | None = None
+
+        def said() -> str:
+            nonlocal since_s
+            if text := self._deviation(description, name, wanted):
+                since_s = None
+                return text
+            since_s = since_s or time.monotonic()
+            return f"{name} stands in its place" if time.monotonic() - since_s < STANDS_S else ""
+
+        self._wait(said, Kind.PERSON, case_id)
+
+    def _deviation(self, description: CellDescription, name: str, wanted: Displacement) -> str:
+        """Return in one line what a person has to do, "" where nothing is to be done."""
+        try:
+            stands = object_stands(self._cell, description, name)
+        except TrialError as error:
+            return str(error)
+        return "" if _near(difference(stands, wanted)) else instruction(name, stands, wanted, description)
+
+
+def instruction(name: str, stands: Displacement, wanted: Displacement, description: CellDescription) -> str:
+    """Return how an object has to be moved, in the words of someone who stands in front of the arms' table."""
+    x_mm, y_mm = 1e3 * (wanted.x_m - stands.x_m), 1e3 * (wanted.y_m - stands.y_m)
+    turn_deg = (wanted.yaw_deg - stands.yaw_deg + 90.0) % 180.0 - 90.0  # half a turn looks the same
+    left_y = description.arms[0].base_position[1] - description.arms[-1].base_position[1]
+    side = "left" if y_mm * left_y > 0.0 else "right"
+    parts = [
+        f"{abs(y_mm):.0f} mm towards the {side} arm" if abs(y_mm) >= 1.0 else "",
+        f"{abs(x_mm):.0f} mm {'along' if x_mm > 0.0 else 'against'} x" if abs(x_mm) >= 1.0 else "",
+        f"turn it by {abs(turn_deg):.0f} degrees {'counter' * (turn_deg > 0.0)}clockwise, seen from above"
+        if abs(turn_deg) >= 1.0
+        else "",
+    ]
+    return f"{name}: move it " + ", ".join(part for part in parts if part)
+
+
+def _near(off: tuple[float, float]) -> bool:
+    return off[0] <= NEAR_MM and off[1] <= NEAR_DEG

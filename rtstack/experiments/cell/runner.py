@@ -1,0 +1,200 @@
+"""Runs a campaign on a cell's arms: one case after the other, the object set in its place by the arms before each.
+
+Preparation, such as recording references, is done by workers in the simulator as always. A case's log is the truth: its
+row is read back from it, as after a program that was killed.
+"""
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from rtstack.experiments.attempts import Attempt, Kind, aborted
+from rtstack.experiments.cell.host import CellHost
+from rtstack.experiments.cell.reset import Reset
+from rtstack.experiments.cell.schedule import control_case, ordered, schedule_of
+from rtstack.experiments.experiment import Case, CellRun
+from rtstack.experiments.runner import Runner
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.loop.end import End
+from rtstack.trials.carry_out import PreparedRun, carry_out
+from rtstack.trials.errors import TrialError
+
+LOOK_S = 0.2  # between two looks at a person's work, or whether a pause is over
+
+
+class CellRunner(Runner):
+    """One invocation of a campaign on the host's cell; workers prepare what the cases need. See Runner."""
+
+    def __init__(self, *parts: Any, host: CellHost) -> None:
+        super().__init__(*parts)
+        self.host = host
+        self._schedule = schedule_of(self._experiment.specification)
+        self._failures: list[str] = []  # of the cases in a row that have failed until now
+        self._began_s = self._work_s = 0.0
+
+    def _run(self, cases: list[Case], began_s: float) -> None:
+        """Run the cases in the order of the plan's schedule.
+
+        Raises TrialError where the cases are of several objects, where a person has asked for a stop, where a case was
+        aborted, and where too many failed in a row: `--resume` goes on.
+        """
+        every: list[Case] = list(self._experiment.cases(self._store.rows()))
+        missing = {case.id for case in cases}
+        order = [case for case in ordered(every, self._schedule, self._experiment.digest) if case.id in missing]
+        control = control_case(every, self._schedule)
+        objects = {self._experiment.on_cell(case).run.specification.object for case in order}
+        if len(objects) > 1:
+            raise TrialError(f"the plan is of {', '.join(sorted(objects))}: on arms give a plan of one object")
+        if not order:
+            return
+        self._began_s, self._work_s = began_s, time.monotonic()
+        with self.host.kept_cell(self._experiment.on_cell(order[0]).run) as cell, self.host.watched():
+            reset = Reset(cell, self._carry_out, self._wait)
+            if control is not None:
+                for _ in range(self._schedule.warm_up):
+                    self._repeat(control, Kind.WARM_UP, reset)
+            for k, case in enumerate(order):
+                if control is not None and k % self._schedule.control_every == 0:
+                    self._repeat(control, Kind.CONTROL, reset)
+                self._rest()
+                self._case(case, reset)
+            if control is not None:
+                self._repeat(control, Kind.CONTROL, reset)
+
+    def _case(self, case: Case, reset: Reset) -> None:
+        """Run a case until it has a row. Raises TrialError where a person has to look first."""
+        planned = self._experiment.on_cell(case)
+        result: Any = None
+        for attempt in count(1):
+            result = self._once(planned, case, Kind.CASE, planned.log, planned.record, reset)
+            reason = self._uncounted(result.failure_reason, result.missed_deadlines)
+            if self._adopt([case]):
+                break
+            again = reason is None or End.in_reason(reason) is End.TICK_OVERRUN  # the arms stand in order
+            if not again or attempt >= self._schedule.attempts:
+                raise TrialError(f"{case.id} was aborted, and is run again: {reason or 'its log is not complete'}")
+        self.tally.rows += 1
+        self.tally.robot_s += self._experiment.robot_s(result.as_dict())
+        self.tally.wall_s = time.perf_counter() - self._began_s
+        self._kept()
+        self._failures = [] if result.success else [*self._failures, result.failure_reason]
+        if len(self._failures) >= self._schedule.failures_in_a_row:
+            raise TrialError(f"{len(self._failures)} cases in a row have failed, the last one since "
+                             f"{self._failures[-1]}: look at the cell, then go on with --resume")  # fmt: skip
+
+    def _repeat(self, control: Case, kind: Kind, reset: Reset) -> None:
+        """Run the control case once more; its log has a number, its row stands with the attempt."""
+        planned, word = self._experiment.on_cell(control), kind.replace(" ", "-")
+        log = _unused(planned.log, word)
+        self._once(planned, control, kind, log, {**planned.record, "repeats": word}, reset)
+
+    def _once(
+        self, planned: CellRun, case: Case, kind: Kind, log: Path, record: Mapping[str, str], reset: Reset
+    ) -> Any:
+        self._wait(lambda: self.host.paused, Kind.PERSON, case.id)
+        reset.set_in_place(planned, case.id)
+        log.parent.mkdir(exist_ok=True)
+        self.host.log_path, self.host.record = log, record
+        try:
+            return self._carry_out(planned.run, kind, case.id, case)
+        finally:
+            self.host.log_path = self.host.record = None
+
+    def _carry_out(self, run: PreparedRun[Any], kind: Kind, case_id: str, case: Case | None = None) -> Any:
+        """Carry out a run and note it. Raises what `carry_out` raises; then it is noted too."""
+        began, began_s, log = _now(), time.monotonic(), self.host.log_path
+        try:
+            result = carry_out(run, self.host)
+        except Exception as error:
+            self._store.note_attempt(Attempt(began, kind, case_id, str(error), False, time.monotonic() - began_s))
+            raise
+        values, reason = result.as_dict(), result.failure_reason
+        counts = kind is Kind.CASE and self._uncounted(reason, values.get("missed_deadlines", 0)) is None
+        row = self._experiment.row_of_log(case, log) if kind is Kind.CONTROL and log is not None else None
+        self._store.note_attempt(Attempt(
+            began, kind, case_id, reason, counts, time.monotonic() - began_s,
+            *(values.get(name) for name in ("off_mm", "off_deg", "peak_force_n")),
+            log=None if log is None else log.name, row=None if row is None else json.dumps(row),
+        ))  # fmt: skip
+        if End.in_reason(reason).is_fault:
+            self.host.look(f"{case_id}: {reason}")
+        return result
+
+    def _uncounted(self, reason: str | None, late_cycles: int) -> str | None:
+        """Return why a run counts for nothing, None where it counts. reason: why it failed."""
+        most = self._schedule.late_cycles
+        if aborted(reason):
+            return reason
+        return f"{End.TICK_OVERRUN}: {late_cycles} late cycles" if most is not None and late_cycles > most else None
+
+    def _rest(self) -> None:
+        """Let the arms rest where the schedule says so."""
+        schedule = self._schedule
+        if schedule.work_min is None or time.monotonic() - self._work_s < 60.0 * schedule.work_min:
+            return
+        end_s = time.monotonic() + 60.0 * schedule.rest_min
+
+        def said() -> str:
+            left_s = end_s - time.monotonic()
+            return f"the arms rest for {left_s:.0f} s more" if left_s > 0.0 else ""
+
+        self._wait(said, Kind.REST, "")
+        self._work_s = time.monotonic()
+
+    def _wait(self, said: Callable[[], str], kind: Kind, case_id: str) -> None:
+        """Wait, telling the person why, until there is nothing to tell; note it. Raises TrialError at a stop."""
+        began, began_s = _now(), time.monotonic()
+        waited = False
+        try:
+            while not self.host.stopped and (text := said()):
+                waited = True
+                self._progress.tell(text)
+                time.sleep(LOOK_S)
+        finally:
+            if waited:
+                self._progress.tell("")
+                self._store.note_attempt(Attempt(began, kind, case_id, None, False, time.monotonic() - began_s))
+        if self.host.stopped:
+            raise TrialError("stopped between two runs: go on with --resume")
+
+    def _adopt(self, cases: list[Case]) -> set[str]:
+        """See Runner. The log of a case that was aborted, or is not complete, is put aside: it has no row."""
+        found: set[str] = set()
+        for case in cases:
+            log = self._experiment.on_cell(case).log
+            row = self._experiment.row_of_log(case, log) if self._counts(log) else None
+            if row is None:
+                _put_aside(log)
+                continue
+            self._store.add(row)
+            self._progress.advance()
+            found.add(case.id)
+        return found
+
+    def _counts(self, log: Path) -> bool:
+        """Return whether a case has a log with a result, and was not aborted."""
+        try:
+            result = read_log(log).metadata.get("result", {})
+        except LogError:
+            return False
+        return bool(result) and not self._uncounted(result.get("failure_reason"), int(result["missed_deadlines"]))
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _unused(log: Path, word: str) -> Path:
+    """Return a path beside a case's log that no case has, and no log yet."""
+    return next(path for k in count(1) if not (path := log.with_suffix(f".{word}-{k}.mcap")).exists())
+
+
+def _put_aside(log: Path) -> None:
+    """Keep the log of an attempt that gave no row."""
+    if log.exists():
+        log.rename(_unused(log, "aborted"))

@@ -1,0 +1,72 @@
+"""In which order a plan's cases run on arms, with pauses and control cases between them. The simulator needs none."""
+
+import random
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import Annotated, TypeVar
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
+
+from hal.base.configuration import STRICT, NotNegative, Positive
+from rtstack.experiments.experiment import Case
+from rtstack.trials.errors import TrialError
+
+C = TypeVar("C", bound=Case)
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class CellSchedule:
+    """The table `on_cell` of a plan. No row of the simulator depends on it.
+
+    seed: of the order within the blocks. control: the id of the case that is repeated at the beginning, every
+    control_every cases and at the end: its runs are no rows, and the report draws how the columns `drift` change over
+    them. warm_up: how often it runs before everything, uncounted. work_min, rest_min: after so many minutes the arms
+    rest for so long. failures_in_a_row: after so many cases in a row without success the campaign stops. late_cycles: a
+    case with more of them is run again, `attempts` times at most.
+    """
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    control: str | None = None
+    control_every: Annotated[int, Field(ge=1, le=1000)] = 20
+    drift: tuple[str, ...] = ()
+    warm_up: Annotated[int, Field(ge=0, le=100)] = 0
+    work_min: Positive | None = None
+    rest_min: NotNegative = 0.0
+    failures_in_a_row: Annotated[int, Field(ge=1, le=1000)] = 10
+    late_cycles: Annotated[int, Field(ge=0)] | None = None
+    attempts: Annotated[int, Field(ge=1, le=10)] = 3
+
+
+def schedule_of(specification: object) -> CellSchedule:
+    """Return the schedule of a plan: its field `on_cell`, and where it has none the default."""
+    return getattr(specification, "on_cell", None) or CellSchedule()
+
+
+def ordered(cases: Iterable[C], schedule: CellSchedule, digest: str) -> list[C]:
+    """Return all cases of a plan in the order in which they run: block by block, drawn within each.
+
+    A block is a repetition of everything (a case's `repetition`), so that what drifts is spread over all conditions.
+    The same plan gives the same order.
+    """
+    draw = random.Random(f"{digest}.{schedule.seed}")
+    blocks = groupby(sorted(cases, key=_block), key=_block)
+    return [case for _, block in blocks for case in _drawn(list(block), draw)]
+
+
+def _block(case: Case) -> int:
+    return getattr(case, "repetition", 0)
+
+
+def _drawn(block: list[C], draw: random.Random) -> list[C]:
+    return draw.sample(block, len(block))
+
+
+def control_case(cases: Sequence[C], schedule: CellSchedule) -> C | None:
+    """Return the case that is repeated, None for none. Raises TrialError where the plan has none of this id."""
+    if schedule.control is None:
+        return None
+    found = next((case for case in cases if case.id == schedule.control), None)
+    if found is None:
+        raise TrialError(f"key on_cell.control: the plan has no case {schedule.control}, but such as {cases[0].id}")
+    return found
