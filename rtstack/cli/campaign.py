@@ -17,6 +17,7 @@ import typer
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import handled
 from rtstack.cli.options import CellFile, Json, Profile
+from rtstack.cli.progress import progress_bar
 from rtstack.cli.tables import print_table
 from rtstack.trials.errors import TrialError
 
@@ -99,6 +100,16 @@ def campaign_compare(
         typer.echo(found.summary)
     if not found.same:
         raise typer.Exit(FAILED)
+
+
+@commands.command("campaign pack")
+def campaign_pack(folder: Annotated[Path, typer.Argument(metavar="DIR")]) -> None:
+    """Make a campaign's folder a data set to publish: columns, units, checksums."""
+    from rtstack.experiments.package import pack
+
+    with progress_bar("checksums", True) as progress:
+        sums = pack(folder, progress)
+    typer.echo(f"{sums}: check with sha256sum --check; columns and units: {folder / 'README.md'}")
 
 
 def _opened(name: str, request: "Request", quick: bool, given: Iterable[str]) -> "Experiment[Any, Any]":

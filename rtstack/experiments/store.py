@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import sqlite3
 import typing
 from collections.abc import Iterable, Mapping
@@ -15,12 +16,14 @@ from hal.base.files import locked
 from rtstack.experiments.attempts import Attempt
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.experiments.registration import PLAN_DIGEST, file_digest
+from rtstack.experiments.version import present
 from rtstack.trials.errors import TrialError
 
 DATABASE = "campaign.sqlite"
 RESULTS = "results.csv"
 TIMES = "times.csv"
 ATTEMPTS = "attempts.csv"
+SOURCES = "sources"  # the folder of the files on which results depend: the plan, cells, parameters
 # what a host makes of a trial, and not the trial: in a table of their own when written as CSV
 OF_THE_HOST = ("wall_s", "cpu_s", "worker", "compute_us_p50", "compute_us_p99", "real_time_factor")
 PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float, "worker": str}
@@ -81,8 +84,12 @@ class Store:
         self._lock.close()
 
     def claim(self, experiment: Experiment[Any, Any]) -> None:
-        """Note whose results these are. The plan's file counts as it is when the first result is about to be made."""
+        """Note whose results these are, by which version, and keep a copy of the files that they depend on.
+
+        The plan's file counts as it is when the first result is about to be made.
+        """
         values = _identity(experiment) | {"plan_commit": experiment.request.file.commit}
+        values |= {"title": experiment.specification.title, "version": json.dumps(asdict(present()))}
         if experiment.request.logs is not None:
             values["logs"] = experiment.request.logs
         with self._database as database:
@@ -91,6 +98,11 @@ class Store:
             if database.execute("SELECT 1 FROM results LIMIT 1").fetchone() is None:
                 noted = (PLAN_DIGEST, file_digest(experiment.request.file.path))
                 database.execute("INSERT OR REPLACE INTO campaign VALUES (?, ?)", noted)
+        kept = self.out / SOURCES
+        kept.mkdir(exist_ok=True)
+        shutil.copyfile(experiment.request.file.path, kept / "plan.toml")
+        for path, _ in experiment.sources:
+            shutil.copyfile(path, kept / f"{path.parent.name}-{path.name}")
 
     def note_invocation(self, trials: int, robot_s: float, wall_s: float, workers: int) -> None:
         """Keep how fast so many trials went."""

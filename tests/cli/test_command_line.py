@@ -124,6 +124,7 @@ WRONG = {
     "check": ("--left 127.0.0.11 --right 127.0.0.11", "two arms have two addresses"),
     "host-setup": ("--kernel odd", "choose rt or generic"),
     "campaign compare": ("none none", "none is no campaign's folder"),
+    "campaign pack": ("none", "none is no campaign's folder"),
     "campaign": ("aim-aware-grab --quick --out done --scheduler nonsense", "no scheduler at nonsense"),
     "tune-monitor": ("none.mcap --out monitor.toml", "give at least"),
     "impact-map": ("none.toml", "none.toml: cannot be read"),
