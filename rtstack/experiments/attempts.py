@@ -1,4 +1,4 @@
-"""What a campaign on arms has done, attempt by attempt: cases, control cases, placements, waits for a person."""
+"""What a campaign on arms has done, attempt by attempt: preparations, cases, placements, waits for a person."""
 
 import json
 from collections import Counter
@@ -22,6 +22,8 @@ ABORTS = OUTSIDE | {End.HARDWARE, End.TICK_OVERRUN, End.TORQUE_NOT_TAKEN, End.NO
 class Kind(StrEnum):
     """What an attempt was."""
 
+    START = "to the start"
+    PREPARATION = "preparation"
     CASE = "case"
     CONTROL = "control case"
     WARM_UP = "warm-up"
@@ -33,9 +35,11 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One of them. began: UTC; case_id: of the case that it was for; failed: why, None for a success; counts: whether a
-    case has its row from it. off_mm, off_deg: where the object stands after a placement, from where it was wanted;
-    peak_force_n: on a pad meanwhile. row: of a control case, as JSON.
+    """One of them.
+
+    began: UTC; case_id: of the case, or the name of the stage's task, that it was for; failed: why, None for a success;
+    counts: whether a case has its row from it. off_mm, off_deg: where the object stands after a placement, from where
+    it was wanted; peak_force_n: on a pad meanwhile. row: of a control case, as JSON.
     """
 
     began: str

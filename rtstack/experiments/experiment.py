@@ -61,24 +61,30 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
-    """What has to be made before the cases can be run, such as references. label: what progress is called meanwhile."""
-
-    label: str
-    tasks: Sequence[Task]
-
-
-@dataclass(frozen=True, slots=True)
 class CellRun:
-    """A case as a run on a cell's arms. log: its file, absolute; record: what its log says of the campaign.
+    """A case, or a part of a stage, as a run on a cell's arms.
 
-    wanted: where the object is to stand before it, from its nominal place.
+    log: its file, absolute; record: what its log says of the campaign; wanted: where the object is to stand before it,
+    from its nominal place.
     """
 
     run: "PreparedRun[Any]"
     log: Path
     record: Mapping[str, str]
     wanted: Displacement
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What has to be made before the cases can be run, such as references. label: what progress is called meanwhile.
+
+    on_cell: where the campaign runs on arms, the runs there in place of the tasks, by the tasks' names; None: workers
+    make it there, too.
+    """
+
+    label: str
+    tasks: Sequence[Task]
+    on_cell: Callable[[], Mapping[str, CellRun]] | None = None
 
 
 # yields stages, and is sent what failed in each of them: name of the task -> reason
@@ -133,6 +139,7 @@ class Experiment(ABC, Generic[S, C]):
     # What of these options of the command line this kind takes: cell, logs, cell_file, profile, data.
     options: ClassVar[frozenset[str]] = frozenset()
     unit: ClassVar[str] = "trials"  # what the cases are called, in the plural
+    made: ClassVar[tuple[str, ...]] = ()  # folders of what the stages make, in that of the campaign
 
     def __init__(
         self, specification: S, request: Request, columns: Mapping[str, Any] = {}, sources: Sequence[Path] = (),

@@ -1,5 +1,6 @@
 """One invocation of a campaign: what is missing is run, on workers or on arms, and the report is written."""
 
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,8 @@ def _beside_simulation(report: Report, experiment: Experiment[Any, Any], client:
     out = experiment.request.out / BESIDE
     simulated = type(experiment)(experiment.specification, replace(experiment.request, cell=DIRECT, out=out))
     check_folder(simulated, resume=(out / DATABASE).exists())
+    for name in experiment.made:  # the simulated cases follow the same references
+        shutil.copytree(experiment.request.out / name, out / name, dirs_exist_ok=True)
     invoke(simulated, client)
     beside = compare(out, experiment.request.out).tables("the simulation", "the arms")
     return replace(report, tables=(*report.tables, *beside))

@@ -9,7 +9,7 @@ from typing import Any
 from hal.displacement import Displacement
 from rtstack.cells import with_profile
 from rtstack.experiments.archive import Archive
-from rtstack.experiments.experiment import Stage, Task
+from rtstack.experiments.experiment import CellRun, Stage, Task
 from rtstack.experiments.seeds import seed_of
 from rtstack.log.writing.job import Attachment
 from rtstack.model.cell_description import CellDescription, load_cell_description
@@ -18,9 +18,10 @@ from rtstack.papers.simulated_cell import BuiltCell, WorkerHost, conditioned_cel
 from rtstack.references.demonstration import Grab, grab
 from rtstack.safety.limits import HARDWARE
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.carry_out import carry_out
+from rtstack.trials.carry_out import PreparedRun, carry_out
 from rtstack.trials.demonstration import prepare_demonstration
 from rtstack.trials.record import cell_attachments, whole_run_log
+from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification
 
@@ -82,8 +83,9 @@ def campaign_record(case: Any, digest: str) -> dict[str, str]:
     return {key: str(value) for key, value in asdict(case).items()} | {"id": case.id, "digest": digest}
 
 
-def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
-    """Record a demonstration. Returns None, or in one line why there is none."""
+def _demonstration(
+    bench: Bench, reference: Reference, conditions: Conditions, seed: int
+) -> PreparedRun[DemonstrationResult]:
     description = replace(bench.description, safety=_AS_AN_IMPACT | bench.description.safety)
     specification = DemonstrationSpecification(
         reference.object, reference.variation, seed, conditions.speed_m_s, law_inertia=conditions.law_inertia
@@ -91,14 +93,26 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
     script = hand_script(bench, reference, conditions)
     if script is not None:
         specification = replace(specification, squeeze_m=script.squeeze, squeeze_s=script.squeeze_s)
+    return prepare_demonstration(specification, description)
+
+
+def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
+    """Record a demonstration. Returns None, or in one line why there is none."""
+    prepared = _demonstration(bench, reference, conditions, seed)
+    description = prepared.description
     kind, law = with_profile(bench.cell, conditions.profile), description.gains.law_inertia
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
         log = whole_run_log(
-            path, specification, description, common_attachments(bench.cell_file), kind, law_inertia=law
+            path, prepared.specification, description, common_attachments(bench.cell_file), kind, law_inertia=law
         )
-        prepared = prepare_demonstration(specification, description)
         built = bench.built_cell(reference.object, Displacement(), seed, conditions)
         return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
+
+
+def record_on_arms(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> CellRun:
+    """Return a demonstration as a run on a cell's arms."""
+    prepared = _demonstration(bench, reference, conditions, seed)
+    return CellRun(prepared, bench.out / RECORDINGS / reference.file, {"digest": bench.digest}, Displacement())
 
 
 def hand_script(bench: Bench, reference: Reference, conditions: Conditions) -> Grab | None:
@@ -122,11 +136,13 @@ def recording_stages(
     """
     there = bench.archive.names(RECORDINGS)
     missing = [reference for reference in references if reference.file not in there]
-    tasks = [
-        Task(f"reference-{one.name}", record, (bench, one, conditions(one), seed_of(seed, "reference", one.name)))
-        for one in missing
-    ]
-    failed = yield Stage("references", tasks)
+    arguments = [(bench, one, conditions(one), seed_of(seed, "reference", one.name)) for one in missing]
+    tasks = [Task(f"reference-{one.name}", record, each) for one, each in zip(missing, arguments, strict=True)]
+
+    def on_arms() -> dict[str, CellRun]:
+        return {task.name: record_on_arms(*each) for task, each in zip(tasks, arguments, strict=True)}
+
+    failed = yield Stage("references", tasks, on_arms)
     unrecorded = {one.name: failed[task.name] for one, task in zip(missing, tasks, strict=True) if task.name in failed}
     for name in unrecorded:
         bench.archive.remove(f"{RECORDINGS}/{Reference.named(name).file}")

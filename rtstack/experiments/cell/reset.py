@@ -31,17 +31,31 @@ class Reset:
     def __init__(self, cell: Cell, carry: Carry, wait: Wait) -> None:
         self._cell, self._carry, self._wait = cell, carry, wait
 
+    def go_to_start(self, planned: CellRun, case_id: str) -> None:
+        """Have the arms of a cell that was just opened put down what they hold, and go to the start. Raises TrialError.
+
+        What the tracker says is of now afterwards: a simulated robot in lockstep has shown nothing while no arm moved.
+        """
+        description, name = planned.run.description, planned.run.specification.object
+        self._put_down(description, name, case_id)
+        start = PreparedMove(MoveSpecification(HandMotion.START, name), description)
+        if reason := self._carry(start, Kind.START, case_id).failure_reason:
+            raise TrialError(f"the arms do not reach the start: {reason}")
+
     def set_in_place(self, planned: CellRun, case_id: str) -> None:
         """Have the arms put down what they hold and carry the object to where the case wants it; ask a person where
         they cannot. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile.
         """
         description, name = planned.run.description, planned.run.specification.object
+        self._put_down(description, name, case_id)
+        if not self._by_the_arms(description, name, planned.wanted, case_id):
+            self._by_a_person(description, name, planned.wanted, case_id)
+
+    def _put_down(self, description: CellDescription, name: str, case_id: str) -> None:
         if holds(self._cell, description):
             down = PreparedMove(MoveSpecification(HandMotion.PUT_DOWN, name), description)
             if reason := self._carry(down, Kind.PUT_DOWN, case_id).failure_reason:
                 raise TrialError(f"{name} could not be put down: {reason}")
-        if not self._by_the_arms(description, name, planned.wanted, case_id):
-            self._by_a_person(description, name, planned.wanted, case_id)
 
     def _by_the_arms(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
         """Return whether the object stands in its place, after some placements where it did not before."""

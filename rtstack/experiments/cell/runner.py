@@ -1,12 +1,14 @@
 """Runs a campaign on a cell's arms: one case after the other, the object set in its place by the arms before each.
 
-Preparation, such as recording references, is done by workers in the simulator as always. A case's log is the truth: its
-row is read back from it, as after a program that was killed.
+What a stage makes, such as references, is made on the arms too where the experiment says how, else by workers. A case's
+log is the truth: its row is read back from it, as after a program that was killed.
 """
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -16,7 +18,7 @@ from rtstack.experiments.attempts import Attempt, Kind, aborted
 from rtstack.experiments.cell.host import CellHost
 from rtstack.experiments.cell.reset import Reset
 from rtstack.experiments.cell.schedule import control_case, ordered, schedule_of
-from rtstack.experiments.experiment import Case, CellRun
+from rtstack.experiments.experiment import Case, CellRun, Stage
 from rtstack.experiments.runner import Runner
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
@@ -28,7 +30,7 @@ LOOK_S = 0.2  # between two looks at a person's work, or whether a pause is over
 
 
 class CellRunner(Runner):
-    """One invocation of a campaign on the host's cell; workers prepare what the cases need. See Runner."""
+    """One invocation of a campaign on the host's cell. See Runner."""
 
     def __init__(self, *parts: Any, host: CellHost) -> None:
         super().__init__(*parts)
@@ -36,6 +38,38 @@ class CellRunner(Runner):
         self._schedule = schedule_of(self._experiment.specification)
         self._failures: list[str] = []  # of the cases in a row that have failed until now
         self._began_s = self._work_s = 0.0
+        self._held = ExitStack()
+        self._reset: Reset | None = None
+
+    def run(self) -> None:
+        """See Runner. The cell is opened, and a person asked, when the first motion is due."""
+        with ExitStack() as self._held:
+            super().run()
+
+    def _reset_for(self, planned: CellRun, name: str) -> Reset:
+        """Return the cell's reset; opens the cell the first time, for this run."""
+        if self._reset is None:
+            cell = self._held.enter_context(self.host.kept_cell(planned.run))
+            self._held.enter_context(self.host.watched())
+            self._reset, self._work_s = Reset(cell, self._carry_out, self._wait), time.monotonic()
+            self._reset.go_to_start(planned, name)
+        return self._reset
+
+    def _prepare(self, stage: Stage) -> dict[str, str]:
+        """See Runner. Raises TrialError where a person, a watchdog or the link has ended a run."""
+        if stage.on_cell is None or not stage.tasks:
+            return super()._prepare(stage)
+        self._progress.begin(stage.label, 0, len(stage.tasks))
+        failed: dict[str, str] = {}
+        for name, planned in stage.on_cell().items():
+            result = self._once(planned, name, Kind.PREPARATION, planned.log)
+            if aborted(result.failure_reason):
+                planned.log.unlink(missing_ok=True)
+                raise TrialError(f"{name} was aborted, and is run again: {result.failure_reason}")
+            if result.failure_reason is not None:
+                failed[name] = result.failure_reason
+            self._progress.advance()
+        return failed
 
     def _run(self, cases: list[Case], began_s: float) -> None:
         """Run the cases in the order of the plan's schedule.
@@ -50,28 +84,24 @@ class CellRunner(Runner):
         objects = {self._experiment.on_cell(case).run.specification.object for case in order}
         if len(objects) > 1:
             raise TrialError(f"the plan is of {', '.join(sorted(objects))}: on arms give a plan of one object")
-        if not order:
-            return
-        self._began_s, self._work_s = began_s, time.monotonic()
-        with self.host.kept_cell(self._experiment.on_cell(order[0]).run) as cell, self.host.watched():
-            reset = Reset(cell, self._carry_out, self._wait)
-            if control is not None:
-                for _ in range(self._schedule.warm_up):
-                    self._repeat(control, Kind.WARM_UP, reset)
-            for k, case in enumerate(order):
-                if control is not None and k % self._schedule.control_every == 0:
-                    self._repeat(control, Kind.CONTROL, reset)
-                self._rest()
-                self._case(case, reset)
-            if control is not None:
-                self._repeat(control, Kind.CONTROL, reset)
+        self._began_s = began_s
+        if control is not None and order:
+            for _ in range(self._schedule.warm_up):
+                self._repeat(control, Kind.WARM_UP)
+        for k, case in enumerate(order):
+            if control is not None and k % self._schedule.control_every == 0:
+                self._repeat(control, Kind.CONTROL)
+            self._rest()
+            self._case(case)
+        if control is not None and order:
+            self._repeat(control, Kind.CONTROL)
 
-    def _case(self, case: Case, reset: Reset) -> None:
+    def _case(self, case: Case) -> None:
         """Run a case until it has a row. Raises TrialError where a person has to look first."""
         planned = self._experiment.on_cell(case)
         result: Any = None
         for attempt in count(1):
-            result = self._once(planned, case, Kind.CASE, planned.log, planned.record, reset)
+            result = self._once(planned, case.id, Kind.CASE, planned.log)
             reason = self._uncounted(result.failure_reason, result.missed_deadlines)
             if self._adopt([case]):
                 break
@@ -87,42 +117,42 @@ class CellRunner(Runner):
             raise TrialError(f"{len(self._failures)} cases in a row have failed, the last one since "
                              f"{self._failures[-1]}: look at the cell, then go on with --resume")  # fmt: skip
 
-    def _repeat(self, control: Case, kind: Kind, reset: Reset) -> None:
+    def _repeat(self, control: Case, kind: Kind) -> None:
         """Run the control case once more; its log has a number, its row stands with the attempt."""
         planned, word = self._experiment.on_cell(control), kind.replace(" ", "-")
-        log = _unused(planned.log, word)
-        self._once(planned, control, kind, log, {**planned.record, "repeats": word}, reset)
+        planned = replace(planned, record={**planned.record, "repeats": word})
+        self._once(planned, control.id, kind, _unused(planned.log, word), control)
 
-    def _once(
-        self, planned: CellRun, case: Case, kind: Kind, log: Path, record: Mapping[str, str], reset: Reset
-    ) -> Any:
-        self._wait(lambda: self.host.paused, Kind.PERSON, case.id)
-        reset.set_in_place(planned, case.id)
+    def _once(self, planned: CellRun, name: str, kind: Kind, log: Path, control: Case | None = None) -> Any:
+        """Run once, with the object in its place. name: of the case, or of the stage's task."""
+        reset = self._reset_for(planned, name)
+        self._wait(lambda: self.host.paused, Kind.PERSON, name)
+        reset.set_in_place(planned, name)
         log.parent.mkdir(exist_ok=True)
-        self.host.log_path, self.host.record = log, record
+        self.host.log_path, self.host.record = log, planned.record
         try:
-            return self._carry_out(planned.run, kind, case.id, case)
+            return self._carry_out(planned.run, kind, name, control)
         finally:
             self.host.log_path = self.host.record = None
 
-    def _carry_out(self, run: PreparedRun[Any], kind: Kind, case_id: str, case: Case | None = None) -> Any:
+    def _carry_out(self, run: PreparedRun[Any], kind: Kind, name: str, control: Case | None = None) -> Any:
         """Carry out a run and note it. Raises what `carry_out` raises; then it is noted too."""
         began, began_s, log = _now(), time.monotonic(), self.host.log_path
         try:
             result = carry_out(run, self.host)
         except Exception as error:
-            self._store.note_attempt(Attempt(began, kind, case_id, str(error), False, time.monotonic() - began_s))
+            self._store.note_attempt(Attempt(began, kind, name, str(error), False, time.monotonic() - began_s))
             raise
         values, reason = result.as_dict(), result.failure_reason
         counts = kind is Kind.CASE and self._uncounted(reason, values.get("missed_deadlines", 0)) is None
-        row = self._experiment.row_of_log(case, log) if kind is Kind.CONTROL and log is not None else None
+        row = self._experiment.row_of_log(control, log) if kind is Kind.CONTROL and log is not None else None
         self._store.note_attempt(Attempt(
-            began, kind, case_id, reason, counts, time.monotonic() - began_s,
-            *(values.get(name) for name in ("off_mm", "off_deg", "peak_force_n")),
+            began, kind, name, reason, counts, time.monotonic() - began_s,
+            *(values.get(each) for each in ("off_mm", "off_deg", "peak_force_n")),
             log=None if log is None else log.name, row=None if row is None else json.dumps(row),
         ))  # fmt: skip
         if End.in_reason(reason).is_fault:
-            self.host.look(f"{case_id}: {reason}")
+            self.host.look(f"{name}: {reason}")
         return result
 
     def _uncounted(self, reason: str | None, late_cycles: int) -> str | None:

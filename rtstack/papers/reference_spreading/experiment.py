@@ -20,6 +20,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
     """
 
     options = frozenset({"cell", "logs", "cell_file", "profile"})
+    made = ("references",)
 
     def __init__(self, specification: Plan, request: Request) -> None:
         from rtstack.cells import load_description
