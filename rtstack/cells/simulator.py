@@ -92,6 +92,11 @@ class Simulator:
         """Its process id."""
         return self._process.pid
 
+    @property
+    def returncode(self) -> int | None:
+        """Its exit status, negative for the signal that has killed it; None while it runs."""
+        return self._process.returncode
+
     def close(self) -> None:
         """End the process and wait for it; never raises. May be called twice."""
         self._end()
@@ -112,7 +117,8 @@ class Simulator:
 
 
 def _end_with_parent() -> None:
-    """In the child: be sent SIGTERM when the parent ends, however it ends."""
+    """In the child: be sent SIGTERM when the parent ends, however it ends, and take it where the parent blocks it."""
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 

@@ -1,5 +1,6 @@
 """The adapter against the real server, through the real client library."""
 
+import signal
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -201,3 +202,16 @@ def test_a_real_time_kernel_is_needed_where_that_is_asked_for():
     refused = pytest.raises(HardwareError, match=r"realtime capabilities. Run .*host-setup.*enforce_realtime = false")
     with serve("--lockstep") as served, nullcontext() if Path("/sys/kernel/realtime").exists() else refused:
         FciArm(served.left, enforce_realtime=True).close()
+
+
+def test_a_simulated_robot_ends_when_asked_whatever_its_starter_blocks():
+    """A campaign's workers block the signals that are for the campaign; what they start must not."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        simulator = Simulator("", 0.0, 0, lockstep=True)
+        status = Path(f"/proc/{simulator.pid}/status").read_text()
+        simulator.close()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    assert "SigBlk:\t0000000000000000" in status
+    assert simulator.returncode == 0  # it was not killed
