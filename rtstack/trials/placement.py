@@ -28,6 +28,7 @@ from rtstack.trials.tightening import limits_of_arms
 
 NEAR_MM, NEAR_DEG = 5.0, 2.0  # an object that stands nearer is where it is wanted: a person with a ruler does no better
 UPRIGHT_DEG = 5.0
+LOST_S = 1.0  # without a pose for so long, the object may stand elsewhere by now
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +86,16 @@ def prepare_placement(specification: PlacementSpecification, description: CellDe
 def object_stands(cell: Cell, description: CellDescription, name: str) -> Displacement:
     """Return where the tracker sees the object stand, from its nominal place; its yaw is within half a turn.
 
-    Raises TrialError with one line where it is not seen, or does not stand upright on the table; HardwareError.
+    Raises TrialError with one line where it is not seen now, or does not stand upright on the table; HardwareError.
     """
     pose, thing = object_before(cell, description), description.objects[name]
     if not pose.record["seen"][0]:
         raise TrialError(f"the tracker does not see {name}: put it upright on the table, within the arms' reach")
+    age_s = 1e-9 * (max(int(arm.read().record["t_ns"][0]) for arm in cell.arms) - pose.t_ns)
+    if age_s > LOST_S:
+        raise TrialError(
+            f"the tracker has not seen {name} for {age_s:.0f} s: see to its markers, and that nothing hides them"
+        )
     w, x, y, z = pose.orientation_wxyz.tolist()
     lean = degrees(2.0 * np.arcsin(min(1.0, float(np.hypot(x, y)))))
     above = float(pose.position[2]) - description.table.top_z - thing.size[2] / 2.0

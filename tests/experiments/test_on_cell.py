@@ -5,19 +5,27 @@ import json
 import signal
 import socket
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from hal.displacement import Displacement
+from hal.tracker import ObjectPose
 from rtstack.cells import default_cell_file
 from rtstack.experiments import attempts
 from rtstack.experiments.attempts import Attempt, Kind, aborted
-from rtstack.experiments.cell.reset import instruction
+from rtstack.experiments.cell.reset import Reset, instruction
 from rtstack.experiments.cell.schedule import CellSchedule, control_case, ordered
+from rtstack.experiments.experiment import CellRun
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
+from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
+from rtstack.trials.specification import TrialSpecification
+from sim_robot.cell import simulated_cell
 from tests.support.campaigns import PATIENCE_S, Command, two_controllers
 from tests.support.fci.server import serve
 
@@ -158,3 +166,59 @@ def test_a_person_is_told_how_to_move_the_object():
     assert instruction("parcel", turned, Displacement(0.0, -0.02, 1.55), description) == (
         "parcel: move it 20 mm towards the right arm, turn it by 2 degrees clockwise, seen from above"
     )
+
+
+class Seen:
+    """A tracker whose poses a test writes: where the object stands, and when it was seen."""
+
+    def __init__(self, description, name):
+        self.pose = ObjectPose.empty()
+        self.pose.record["seen"] = 1
+        self._z = description.table.top_z + description.objects[name].size[2] / 2.0
+
+    def put(self, x_mm, y_mm, t_ns, lean=0.0):
+        self.pose.record["position"] = (1e-3 * x_mm, 1e-3 * y_mm, self._z)
+        self.pose.record["orientation_wxyz"] = (np.cos(lean / 2.0), np.sin(lean / 2.0), 0.0, 0.0)
+        self.pose.record["t_ns"] = t_ns
+
+    def latest(self):
+        return self.pose
+
+
+def test_what_the_arms_cannot_mend_a_person_is_told_until_it_is_right():
+    """Fallen, then not seen for long, then beside its place, then there: the campaign goes on by itself."""
+    description = load_cell_description(default_cell_file())
+    tracker = Seen(description, "parcel")
+    cell = replace(simulated_cell("parcel", 0.0, 0).as_cell("direct"), tracker=tracker)
+    now_ns = int(cell.arms[0].read().record["t_ns"][0])
+    states = [(0.0, 20.0, now_ns, 1.5), (0.0, 20.0, now_ns - 3_000_000_000, 0.0), (0.0, 8.0, now_ns, 0.0)]
+    told, carried = [], []
+
+    def carry(run, kind, case_id):
+        carried.append(kind)
+        return SimpleNamespace(failure_reason="the object slipped", carried=False)
+
+    def wait(said, kind, case_id):
+        assert (kind, case_id) == (Kind.PERSON, "a case")
+        while text := said():
+            told.append(text)
+            if states:
+                tracker.put(*states.pop(0))
+            else:
+                tracker.put(0.0, 19.0, now_ns)
+                time.sleep(0.05)
+
+    tracker.put(0.0, 0.0, now_ns)
+    planned = CellRun(
+        PreparedRun(TrialSpecification("reference.mcap", object="parcel"), description), Path("log.mcap"), {},
+        Displacement(0.0, 0.020, 0.0),
+    )  # fmt: skip
+    began_s = time.monotonic()
+    Reset(cell, carry, wait).set_in_place(planned, "a case")
+    assert time.monotonic() - began_s > 0.9  # it has stood there for a second
+    assert carried == [Kind.PLACEMENT]
+    assert told[0] == "parcel: move it 20 mm towards the left arm"
+    assert told[1].startswith("parcel does not stand upright on the table (it leans by 86 degrees")
+    assert told[2].startswith("the tracker has not seen parcel for 3 s")
+    assert told[3] == "parcel: move it 12 mm towards the left arm"
+    assert told[4] == "parcel stands in its place"
