@@ -4,7 +4,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from json import dumps
@@ -52,6 +52,9 @@ def campaign(
     ] = None,
     cell_file: CellFile = None,
     profile: Profile = None,
+    webhook: Annotated[
+        str | None, typer.Option(metavar="URL", help="Tell it there, as JSON, when a person is needed, and at the end.")
+    ] = None,
     data: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Measurements of others, for the campaign reality.")
     ] = None,
@@ -60,6 +63,7 @@ def campaign(
     from rtstack.experiments.experiment import Request
     from rtstack.experiments.registry import plan_file
     from rtstack.experiments.store import check_folder
+    from rtstack.experiments.webhook import Webhook
 
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
@@ -74,8 +78,14 @@ def campaign(
     more = "".join(f" --{option.replace('_', '-')} {value}" for option, value in given.items())
     again = f"rtstack campaign {name} --out {request.out}{' --quick' * quick} --resume{more}"
     host = _arms(experiment, name)
+    again += f" --webhook {webhook}" if webhook else ""
+    notify = Webhook(webhook, name) if webhook else lambda event, text: None
     with _resumable(again):
-        _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler, host)
+        try:
+            _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler, host, notify)
+        except TrialError as error:
+            notify("stopped", str(error))
+            raise
 
 
 @commands.command("campaign compare")
@@ -142,16 +152,20 @@ def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
     return host
 
 
-def _run(experiment: "Experiment[Any, Any]", workers: int, scheduler: str | None, host: "Terminal | None") -> None:
+def _run(
+    experiment: "Experiment[Any, Any]", workers: int, scheduler: str | None, host: "Terminal | None",
+    notify: Callable[[str, str], None],
+) -> None:  # fmt: skip
     from rtstack.experiments.invocation import invoke
     from rtstack.experiments.workers import distant_workers, local_workers
 
     with distant_workers(scheduler) if scheduler else local_workers(workers) as client:
-        done = invoke(experiment, client, host)
+        done = invoke(experiment, client, host, lambda text: notify("waiting", text))
     gc.freeze()  # what is left is for the system: the interpreter's end would look at each object, 0.6 s of them
     print(_pace(experiment, done.tally, done.at_once))
     if done.report.summary:
         print(done.report.summary)
+    notify("ended", f"{len(done.tally.failures)} could not be run. {done.report.summary} Report: {done.page}")
     end(done.page, done.tally.failures, done.report)
 
 

@@ -1,6 +1,7 @@
 """One invocation of a campaign: what is missing is run, on workers or on arms, and the report is written."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,11 @@ class Invocation:
     at_once: int
 
 
-def invoke(experiment: Experiment[Any, Any], client: Client, host: CellHost | None = None) -> Invocation:
-    """Run what is missing and write the report. host: of a cell's arms, on which the cases run.
+def invoke(
+    experiment: Experiment[Any, Any], client: Client, host: CellHost | None = None,
+    told: Callable[[str], None] = lambda text: None,
+) -> Invocation:  # fmt: skip
+    """Run what is missing and write the report. host: of a cell's arms, on which the cases run; told: see Progress.
 
     A campaign on arms is then run in the simulator too, with the same cases, and its report has both beside each other.
     Raises TrialError where the cases cannot be run.
@@ -44,7 +48,7 @@ def invoke(experiment: Experiment[Any, Any], client: Client, host: CellHost | No
     out.mkdir(exist_ok=True)
     with Store(out, experiment.columns) as store:
         store.claim(experiment)
-        with campaign_progress(out) as progress:
+        with campaign_progress(out, told) as progress:
             parts = experiment, store, client, progress, Preliminary(experiment, store)
             runner = Runner(*parts) if host is None else CellRunner(*parts, host=host)
             try:

@@ -5,7 +5,7 @@ progress.json in its folder, for programs.
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -28,9 +28,11 @@ FILE_S = 0.5  # between two writes of the file, but for the beginning and the en
 
 
 class Progress:
-    """Counts what is done, and how fast the robot's time goes. out: the campaign's folder, which exists."""
+    """Counts what is done, and how fast the robot's time goes. out: the campaign's folder, which exists; told: called
+    with what a person is told.
+    """
 
-    def __init__(self, out: Path, bar: Bar | None = None) -> None:
+    def __init__(self, out: Path, bar: Bar | None = None, told: Callable[[str], None] = lambda text: None) -> None:
         self._file = out / PROGRESS
         self._bar = bar
         self._task: TaskID | None = None
@@ -40,6 +42,7 @@ class Progress:
         self._began_s = self._said_s = time.monotonic()
         self._written_s = -FILE_S
         self._told = ""
+        self._tell = told
 
     def begin(self, label: str, done: int, total: int) -> None:
         """Start counting a stage: so many are done already."""
@@ -70,6 +73,8 @@ class Progress:
         """Show what a person is to do or to know, one line that stays until the next one; "" for none."""
         if text == self._told:
             return
+        if text and not self._told:  # not each millimetre of a deviation
+            self._tell(text)
         self._told = text
         self._write()
         if text and self._bar is not None:
@@ -100,15 +105,15 @@ class Progress:
 
 
 @contextmanager
-def campaign_progress(out: Path) -> Iterator[Progress]:
-    """Show progress for the time of a campaign."""
+def campaign_progress(out: Path, told: Callable[[str], None] = lambda text: None) -> Iterator[Progress]:
+    """Show progress for the time of a campaign. told: see Progress."""
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"),
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
     shown = Bar(*columns, console=Console(stderr=True), transient=True) if sys.stderr.isatty() else None
     with shown or nullcontext():
-        progress = Progress(out, shown)
+        progress = Progress(out, shown, told)
         try:
             yield progress
         finally:
