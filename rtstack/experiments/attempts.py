@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 import scipy  # loads its functions when they are used
 
+from hal.robot_errors import ROBOT_ERRORS
 from rtstack.experiments.report import Figure, Table
 from rtstack.experiments.statistics import CONFIDENCE
 from rtstack.loop.end import OUTSIDE, End
 
 # A run that ended so counts for no controller: a person, a watchdog, this host or the link has ended it.
 ABORTS = OUTSIDE | {End.HARDWARE, End.TICK_OVERRUN, End.TORQUE_NOT_TAKEN, End.NOT_AT_REST}
+
+LINK_ERROR = "communication_constraints_violation"  # the robot's, where answers did not come in time
 
 
 class Kind(StrEnum):
@@ -58,9 +61,15 @@ class Attempt:
 def aborted(reason: str | None) -> bool:
     """Return whether a run ended for a reason that counts for no controller. reason: why it failed, None for success.
 
-    A robot that has left torque control is one: neither a lost link nor a reflex is told apart from the other here.
+    A reflex of the robot is what the controller has led it to, and counts; a lost link does not.
     """
-    return End.in_reason(reason) in ABORTS
+    return End.in_reason(reason) in ABORTS and not reflex(reason)
+
+
+def reflex(reason: str | None) -> bool:
+    """Return whether the reason names an error of the robot's that is not of its link."""
+    named = [name for name in ROBOT_ERRORS if End.in_reason(reason) is End.HARDWARE and name in str(reason)]
+    return bool(named) and LINK_ERROR not in named
 
 
 def tables(attempts: Sequence[Attempt], drift: Sequence[str]) -> list[Table]:

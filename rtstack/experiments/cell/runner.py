@@ -38,6 +38,7 @@ class CellRunner(Runner):
         self._schedule = schedule_of(self._experiment.specification)
         self._failures: list[str] = []  # of the cases in a row that have failed until now
         self._began_s = self._work_s = 0.0
+        self._latched = False  # the arms may have latched an error in the last run
         self._held = ExitStack()
         self._reset: Reset | None = None
 
@@ -126,8 +127,15 @@ class CellRunner(Runner):
     def _once(self, planned: CellRun, name: str, kind: Kind, log: Path, control: Case | None = None) -> Any:
         """Run once, with the object in its place. name: of the case, or of the stage's task."""
         reset = self._reset_for(planned, name)
-        self._wait(lambda: self.host.paused, Kind.PERSON, name)
-        reset.set_in_place(planned, name)
+        ready = False
+        while not ready:
+            self._wait(lambda: self.host.paused, Kind.PERSON, name)
+            if self._latched:
+                self._latched = False
+                reset.recover()
+                reset.go_to_start(planned, name)
+            reset.set_in_place(planned, name)
+            ready = not self._latched  # by a placement
         log.parent.mkdir(exist_ok=True)
         self.host.log_path, self.host.record = log, planned.record
         try:
@@ -151,6 +159,7 @@ class CellRunner(Runner):
             *(values.get(each) for each in ("off_mm", "off_deg", "peak_force_n")),
             log=None if log is None else log.name, row=None if row is None else json.dumps(row),
         ))  # fmt: skip
+        self._latched = End.in_reason(reason) is End.HARDWARE
         if End.in_reason(reason).is_fault:
             self.host.look(f"{name}: {reason}")
         return result
