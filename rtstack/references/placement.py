@@ -23,6 +23,8 @@ CLOSING_M_S = 0.03  # 20 N on rice_box at the impact-free speed; a grab hits at 
 FREE_M_S, CARRY_M_S, TURN_RAD_S = 0.20, 0.10, 0.5  # means; a quintic's peak is 15/8 of its mean
 STAND_OFF_M = 0.05
 LIFT_M, LIFT_S, REST_S = 0.03, 1.0, 0.3
+ROOM_RAD = 0.05  # to a joint's limit
+WAY, NEWTON_STEPS = 12, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,8 @@ def carried(
 ) -> NDArray:  # fmt: skip
     """Return target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad and end there.
 
-    stands, wanted: of the object, from its nominal place. stiffness_n_m: of a pad, towards the object.
+    stands, wanted: of the object, from its nominal place. stiffness_n_m: of a pad, towards the object. Raises
+    ValueError where a joint would come nearer than ROOM_RAD to its limit.
     """
     poses = [end_effector_pose(model, q) for model, q in zip(models, homes, strict=True)]
     lowest = min(position[2] for position, _ in poses)  # at home the pads are just clear of the table
@@ -64,6 +67,17 @@ def carried(
         (close_s, _Grip(there, wanted.yaw_rad, apart)),
     ]
     sides = [float(np.sign(position[1])) for position, _ in poses]
+    for model, home, side, (_, rotation) in zip(models, homes, sides, poses, strict=True):
+        for grip in (steps[0][1], steps[-1][1]):
+            turned = Rotation.from_rotvec([0.0, 0.0, grip.yaw]) * Rotation.from_rotvec(turn_to_object(rotation, -side))
+            joint, room = _nearest_limit(model, home, _place(grip, side), turned.as_matrix() @ rotation)
+            if room < ROOM_RAD:
+                x_mm, y_mm = 1e3 * grip.centre[:2]
+                side_name, yaw_deg = "left" if side > 0.0 else "right", np.degrees(grip.yaw)
+                raise ValueError(
+                    f"at x {x_mm:.0f}, y {y_mm:.0f} mm, turned by {yaw_deg:.0f} degrees, joint {joint + 1} of the "
+                    f"{side_name} arm would be at its limit"
+                )
     ways = [
         np.linalg.norm(position - _place(grip, side))
         for (position, _), side in zip(poses, sides, strict=True) for grip in (steps[0][1], steps[-1][1])
@@ -95,6 +109,29 @@ def carried(
 def _place(grip: _Grip, side: float) -> Array:
     """Return where the face of a pad is, (3,) m. side: 1 for the pad on the object's +y side, else -1."""
     return grip.centre + side * grip.gap * np.array([-np.sin(grip.yaw), np.cos(grip.yaw), 0.0])
+
+
+def _nearest_limit(model: ArmModel, home: Array, position: Array, rotation: Array) -> tuple[int, float]:
+    """Return which joint comes nearest to a limit, and how near, rad, on a straight way of the pad's face from home.
+
+    position (3,) m, rotation (3, 3): where it ends. Joint 1, the posture, stays at home. Newton's method.
+    """
+    limits, (start, R_start) = model.robot.limits, end_effector_pose(model, home)
+    lower, upper = np.array(limits.q_lower), np.array(limits.q_upper)
+    turn = Rotation.from_matrix(rotation @ R_start.T).as_rotvec()
+    q, room = home.copy(), np.full(7, np.inf)
+    error = np.zeros(6)
+    for share in np.linspace(0.0, 1.0, WAY):
+        wanted = Rotation.from_rotvec(share * turn).as_matrix() @ R_start
+        for _ in range(NEWTON_STEPS):
+            at, R = end_effector_pose(model, q)
+            jacobian = np.array(model.J0)
+            jacobian[:3] += np.cross(model.J0[3:].T, at).T  # from the world's origin to the face
+            error[:3] = start + share * (position - start) - at
+            error[3:] = Rotation.from_matrix(wanted @ R.T).as_rotvec()
+            q[1:] += np.linalg.lstsq(jacobian[:, 1:], error, rcond=1e-3)[0]
+        room = np.minimum(room, np.minimum(q - lower, upper - q))
+    return int(room.argmin()), float(room.min())
 
 
 def _through(ends: Array, values: list[float], t: Array) -> Array:

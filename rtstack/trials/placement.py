@@ -43,17 +43,20 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
         return start_motion(cell, self.description, self.specification.object, where)
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> PlacementResult:
-        """See PreparedRun. Raises TrialError where the object is not seen, or does not stand upright."""
+        """See PreparedRun. Raises TrialError where the object is not seen, has fallen or is out of reach."""
         specification, description = self.specification, self.description
         stands, wanted = object_stands(cell, description, specification.object), specification.wanted
         parameters = cell_parameters(description)
         thing, stiffness = description.objects[specification.object], parameters.control.stiffness_teleoperation
         arms = arm_controllers(description, parameters)
-        targets = carried(
-            (arms[0].model, arms[1].model), description.home, thing, description.table, stands=stands, wanted=wanted,
-            pad_friction=thing.pad_friction or description.contact_friction.pad, stiffness_n_m=float(stiffness[1]),
-            period_s=parameters.control.period_s,
-        )  # fmt: skip
+        try:
+            targets = carried(
+                (arms[0].model, arms[1].model), description.home, thing, description.table, stands=stands,
+                wanted=wanted, pad_friction=thing.pad_friction or description.contact_friction.pad,
+                stiffness_n_m=float(stiffness[1]), period_s=parameters.control.period_s,
+            )  # fmt: skip
+        except ValueError as error:
+            raise TrialError(f"{specification.object} cannot be placed: {error}") from None
         plan = SessionPlan(
             targets, targets, Mode.TELEOPERATION, stiffness, parameters.control.period_s, phase=ForcePhase.CONTACT
         )

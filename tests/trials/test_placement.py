@@ -45,6 +45,13 @@ def test_a_place_that_the_arms_may_not_reach_ends_in_a_stop_that_says_why(cell):
     assert "\n" not in result.failure_reason
 
 
+@pytest.mark.parametrize(("stands", "wanted_deg"), [(0.0, 40.0), (-40.0, 0.0)])
+def test_a_turn_beyond_a_joints_limit_is_a_line_before_anything_moves(cell, stands, wanted_deg):
+    """Joint 5 of the arm that has to reach around ends some 28 degrees from where both arms face each other."""
+    with pytest.raises(TrialError, match=r"rice_box cannot be placed: .* joint 5 of the (left|right) arm would be at"):
+        placed(cell, PlacementSpecification(yaw_deg=wanted_deg), Displacement.given(0.0, 0.0, stands))
+
+
 def test_an_object_that_is_not_seen_or_has_fallen_is_a_line_before_anything_moves(cell):
     asked = PlacementSpecification()
     with closing(open_cell("direct", "rice_box", 0.0, 0, cell)) as opened:
