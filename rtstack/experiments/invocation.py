@@ -1,6 +1,8 @@
 """One invocation of a campaign: what is missing is run, on workers or on arms, and the report is written."""
 
 import shutil
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,14 +16,16 @@ from rtstack.experiments.cell.runner import CellRunner
 from rtstack.experiments.cell.schedule import schedule_of
 from rtstack.experiments.comparison import compare
 from rtstack.experiments.experiment import DIRECT, Experiment, Results
-from rtstack.experiments.preliminary import Preliminary
 from rtstack.experiments.progress import campaign_progress
-from rtstack.experiments.report import Report, write_report
+from rtstack.experiments.report import Report, write_preliminary, write_report
 from rtstack.experiments.runner import Runner, Tally
-from rtstack.experiments.store import DATABASE, Store, check_folder
+from rtstack.experiments.store import Store
 from rtstack.experiments.workers import slots
 
 BESIDE = "simulated"  # the folder, in that of a campaign on arms, of the same plan's simulated run
+
+EVERY_S = 30.0  # between two drawings of figures
+SHARE = 0.05  # of the runner's time at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +78,34 @@ def _beside_simulation(report: Report, experiment: Experiment[Any, Any], client:
     """Return the report of a campaign on arms with its simulated run beside it, which is made or gone on with."""
     out = experiment.request.out / BESIDE
     simulated = type(experiment)(experiment.specification, replace(experiment.request, cell=DIRECT, out=out))
-    check_folder(simulated, resume=(out / DATABASE).exists())
     for name in experiment.made:  # the simulated cases follow the same references
         shutil.copytree(experiment.request.out / name, out / name, dirs_exist_ok=True)
     invoke(simulated, client)
     beside = compare(out, experiment.request.out).tables("the simulation", "the arms")
     return replace(report, tables=(*report.tables, *beside))
+
+
+class Preliminary:
+    """Figures and claims of a campaign that is not finished: called after each result that was kept, it draws where the
+    last drawing is some time ago.
+    """
+
+    def __init__(self, experiment: Experiment[Any, Any], store: Store) -> None:
+        self._experiment = experiment
+        self._store = store
+        self._due_s = time.monotonic() + EVERY_S
+
+    def __call__(self) -> None:
+        began_s = time.monotonic()
+        if began_s < self._due_s:
+            return
+        rows = self._store.rows(self._experiment.cases(self._store.rows()))
+        try:
+            report = self._experiment.report(Results(rows, self._store.out, preliminary=True))
+            write_preliminary(report, self._experiment, self._store)
+        except Exception as error:  # of a kind's report: the results matter more than a picture of them
+            print(f"rtstack: no figures meanwhile: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            self._due_s = float("inf")
+            return
+        ended_s = time.monotonic()
+        self._due_s = ended_s + max(EVERY_S, (ended_s - began_s) / SHARE)

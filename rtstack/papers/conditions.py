@@ -70,6 +70,11 @@ class Conditions:
     hand: Hand | None = None
     law_inertia: LawInertia | None = None
 
+    @property
+    def plant(self) -> "Conditions":
+        """What of them is the robot's and the table's, which no controller can set: the rest as by default."""
+        return replace(self, speed_m_s=None, hand=None, law_inertia=None)
+
 
 @dataclass(frozen=True, slots=True)
 class Reference:

@@ -11,8 +11,8 @@ import pytest
 from console.campaigns.folder import CampaignFolder
 from hal.base.configuration import ConfigurationError
 from rtstack.experiments.experiment import Request, Results
+from rtstack.experiments.invocation import Preliminary
 from rtstack.experiments.plan_file import PlanFile
-from rtstack.experiments.preliminary import Preliminary
 from rtstack.experiments.progress import campaign_progress
 from rtstack.experiments.report import write_report
 from rtstack.experiments.runner import AHEAD, Runner

@@ -106,12 +106,17 @@ def test_an_abort_is_no_result_of_a_controller(reason, counts):
     assert aborted(reason) is not counts
 
 
-def test_what_cannot_run_on_arms_says_so_before_anything_is_made(tmp_path, command_line):
-    done = command_line(
-        "campaign", "aim-aware-grab", "--out", str(tmp_path / "out"), "--cell", "fci:127.0.0.11,127.0.0.12"
-    )
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        ("aim-aware-grab", "aim-aware-grab runs in the simulator: direct, or lockstep"),
+        ("reference-spreading", "reference-spreading compares conditions that arms cannot be given, such as friction"),
+    ],
+)
+def test_what_cannot_run_on_arms_says_so_before_anything_is_made(plan, said, tmp_path, command_line):
+    done = command_line("campaign", plan, "--out", str(tmp_path / "out"), "--cell", "fci:127.0.0.11,127.0.0.12")
     assert done.returncode == 2
-    assert "aim-aware-grab runs in the simulator: direct, or lockstep" in done.stderr
+    assert said in done.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rtstack.experiments.experiment import CellRun, Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stages, Task
 from rtstack.experiments.registry import plan_file
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
@@ -31,6 +31,12 @@ class ControllerComparison(Experiment[Plan, Trial]):
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
 
+        plants = {each.plant for each in specification.conditions_in_use}
+        if request.cell not in SIMULATED and len(plants) > 1:
+            raise TrialError(
+                f"{specification.name} compares conditions that arms cannot be given, such as friction or profile: on "
+                "arms give a plan whose conditions differ in law_inertia, hand or speed_m_s"
+            )
         if request.profile is not None:
             specification = specification.under(request.profile)
         lab_file = request.cell_file
