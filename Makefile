@@ -43,7 +43,7 @@ docs: setup  ## the documentation's site, warnings as errors, into out/site
 hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--cell-file FILE --marks --motion" (report: out/hil/); else simulated
 	$(BIN)/python -m pytest -p no:cacheprovider tests/hil $(if $(CELL),--cell $(CELL)) --hil-report out/hil/$$(date +%Y-%m-%dT%H-%M-%S).md $(HIL)
 
-reproduce: setup  ## every table and figure again, on one page; hours, resumes (QUICK=1: a sample in five minutes; DATA=DIR: measurements for reality; out/reproduce)
+reproduce: setup  ## every table and figure again, on one page; 40 minutes on two cores, resumes (QUICK=1: a sample in five minutes; DATA=DIR: measurements for reality; out/reproduce)
 	@$(BIN)/python -m tests.programs reproduce $(if $(QUICK),--quick) $(if $(DATA),--data $(DATA))
 
 release: setup  ## wheel, sdist, hashes of all that they need, SBOM (out/release)
