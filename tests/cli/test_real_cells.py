@@ -14,6 +14,7 @@ from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
+from tests.support.campaigns import two_controllers
 from tests.support.real_cell import CALIBRATED, write_cell_file
 from tests.support.terminal import Terminal
 
@@ -146,6 +147,32 @@ def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, 
     status, said = at_a_terminal(command("c.mcap"), lambda _: log.exists() and log.stat().st_size > 500_000)
     assert status == 1, said  # before the demonstration's end
     assert "the operator" in said
+
+
+@pytest.mark.alone
+def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(real, tmp_path):
+    """Without a person at a terminal it does not begin; with one, the arms move by themselves."""
+    path, kind = real
+    out = tmp_path / "out"
+    command = [
+        str(Path(sys.executable).with_name("rtstack")),
+        "campaign",
+        str(two_controllers(tmp_path / "p.toml", 20.0)),
+    ]
+    command += ["--out", str(out), "--cell", kind, "--cell-file", str(path), "--workers", "1"]
+    refused = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert not out.exists()
+    terminal = Terminal()
+    ends = terminal.theirs
+    process = subprocess.Popen(command, stdin=ends, stdout=ends, stderr=ends)
+    terminal.watch((
+        (lambda said: "any key stops them, p pauses" in said, "p"),
+        (lambda said: "paused: press p to go on" in said, "p"),
+        (lambda said: any((out / "logs").glob("*")), "x"),
+    ))  # fmt: skip
+    assert process.wait() == 2, terminal.said
+    assert "was aborted, and is run again: stop requested by the operator" in terminal.said
 
 
 @pytest.mark.alone

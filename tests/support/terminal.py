@@ -4,7 +4,8 @@ import os
 import pty
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 _REPEATED_S = 0.02  # as a held key
 
@@ -28,15 +29,28 @@ class Terminal:
 
     def hold(self, name: str = "grab", until: Callable[[str], bool] = _for_ever) -> None:
         """Confirm with the cell's name and hold the space bar, until `until` (what was said), or the program's end."""
+        with self._confirmed(name):
+            while not self._ended.is_set() and not until(self.said):
+                self._write(" ")
+                time.sleep(_REPEATED_S)
+
+    def watch(self, presses: Sequence[tuple[Callable[[str], bool], str]], name: str = "grab") -> None:
+        """Confirm with the cell's name, then press each key once its condition (what was said) is met."""
+        with self._confirmed(name):
+            for due, key in presses:
+                while not self._ended.is_set() and not due(self.said):
+                    time.sleep(_REPEATED_S)
+                self._write(key)
+
+    @contextmanager
+    def _confirmed(self, name: str) -> Iterator[None]:
         os.close(self.theirs)
         listener = threading.Thread(target=self._listen, daemon=True)
         listener.start()
         while "and Enter" not in self.said and not self._ended.is_set():
             time.sleep(_REPEATED_S)
         self._write(f"{name}\n")
-        while not self._ended.is_set() and not until(self.said):
-            self._write(" ")
-            time.sleep(_REPEATED_S)
+        yield
         listener.join()
         os.close(self._ours)
 
