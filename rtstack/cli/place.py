@@ -35,22 +35,26 @@ def place(
 ) -> None:
     """Let both arms take an object from where the tracker sees it, and set it down where it is wanted."""
     from rtstack.cli.terminal import Terminal, report
-    from rtstack.trials.placement import prepare_placement
+    from rtstack.trials.placement import PreparedPlacement, prepare_placement
+    from rtstack.trials.placement import place as place_object
+    from rtstack.trials.result import PlacementResult
 
     specification = PlacementSpecification(**asked or {})
     what, bar = f"placing {specification.title}", "placing" * (not json)
     host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log)
     prepared = prepare_placement(specification, host.description)
-    with host.kept_cell(prepared), host.held() as context:
-        result = host.run(prepared)
-        for attempt in range(2, attempts + 1):
-            stopped = context.stop is not None and context.stop.stop_requested
-            if result.success or not result.carried or result.off_mm is None or stopped:
-                break
-            typer.echo(f"{result.failure_reason}; again", err=True)
-            if log is not None:
-                host.log_path = numbered(log, attempt)
-            result = host.run(prepared)
+    logs = [log, *(numbered(log, attempt) for attempt in range(2, attempts + 1))] if log else [None] * attempts
+    done: list[PlacementResult] = []
+
+    def carry(prepared: PreparedPlacement) -> PlacementResult:
+        if done:
+            typer.echo(f"{done[-1].failure_reason}; again", err=True)
+        host.log_path = logs[len(done)]
+        done.append(host.run(prepared))
+        return done[-1]
+
+    with host.kept_cell(prepared), host.held():
+        result = place_object(prepared, attempts, carry)
     outcome = "placed" if result.success else f"failed: {result.failure_reason}"
     off = "not seen" if result.off_mm is None else f"{result.off_mm:.1f} mm and {result.off_deg:.1f} degrees off"
     report(result, json, f"{outcome} | {specification.title} | {off} | at most {result.peak_force_n:.0f} N on a pad")

@@ -1,6 +1,7 @@
 """Places an object: both arms take it from where the tracker sees it, and set it down where it is wanted."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import atan2, degrees, pi
 
 import numpy as np
@@ -28,6 +29,7 @@ from rtstack.trials.tightening import limits_of_arms
 
 NEAR_MM, NEAR_DEG = 5.0, 2.0  # an object that stands nearer is where it is wanted: a person with a ruler does no better
 UPRIGHT_DEG = 5.0
+FAR_MM = 20.0
 LOST_S = 1.0  # without a pose for so long, the object may stand elsewhere by now
 
 
@@ -52,7 +54,7 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
         try:
             targets = carried(
                 (arms[0].model, arms[1].model), description.home, thing, description.table, stands=stands,
-                wanted=wanted, pad_friction=thing.pad_friction or description.contact_friction.pad,
+                wanted=specification.aimed, pad_friction=thing.pad_friction or description.contact_friction.pad,
                 stiffness_n_m=float(stiffness[1]), period_s=parameters.control.period_s,
             )  # fmt: skip
         except ValueError as error:
@@ -65,8 +67,12 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
             reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
             carried_out = reason is None
             off_mm = off_deg = float("nan")
+            short: tuple[float | None, ...] = (None, None, None)
             try:
-                off_mm, off_deg = difference(object_stands(cell, description, specification.object), wanted)
+                now = object_stands(cell, description, specification.object)
+                off_mm, off_deg = difference(now, wanted)
+                turn = degrees(_folded(wanted.yaw_rad - now.yaw_rad))
+                short = (1e3 * (wanted.x_m - now.x_m), 1e3 * (wanted.y_m - now.y_m), turn)
             except TrialError as error:
                 reason = reason or str(error)
             if reason is None and (off_mm > NEAR_MM or off_deg > NEAR_DEG):
@@ -74,9 +80,35 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
             result = like(
                 PlacementResult, specification, outcome, success=reason is None, failure_reason=reason, cell=cell.name,
                 carried=carried_out, off_mm=_known(off_mm), off_deg=_known(off_deg),
+                short_x_mm=short[0], short_y_mm=short[1], short_yaw_deg=short[2],
                 peak_force_n=_peak_force(run.history.columns()), log=run.log_name,
             )  # fmt: skip
             return run.finished(result)
+
+
+def place(
+    prepared: PreparedPlacement, attempts: int, carry: Callable[[PreparedPlacement], PlacementResult]
+) -> PlacementResult:
+    """Place an object in so many attempts at most, each aimed by what those before fell short; return the last result.
+
+    carry: carries out one attempt.
+    """
+    result = carry(prepared)
+    for _ in range(attempts - 1):
+        if result.success or not result.carried or result.short_x_mm is None:
+            break
+        prepared = replace(prepared, specification=corrected(prepared.specification, result))
+        result = carry(prepared)
+    return result
+
+
+def corrected(asked: PlacementSpecification, result: PlacementResult) -> PlacementSpecification:
+    """Return the next attempt's specification. What fell short by more than FAR_MM is no matter of aim."""
+    short = (result.short_x_mm or 0.0, result.short_y_mm or 0.0, result.short_yaw_deg or 0.0)
+    if (result.off_mm or 0.0) > FAR_MM:
+        return replace(asked, aim_x_mm=0.0, aim_y_mm=0.0, aim_yaw_deg=0.0)
+    x_mm, y_mm, yaw_deg = asked.aim_x_mm + short[0], asked.aim_y_mm + short[1], asked.aim_yaw_deg + short[2]
+    return replace(asked, aim_x_mm=x_mm, aim_y_mm=y_mm, aim_yaw_deg=yaw_deg)
 
 
 def prepare_placement(specification: PlacementSpecification, description: CellDescription) -> PreparedPlacement:

@@ -123,8 +123,9 @@ class PlaybackResult(Result):
 @dataclass(frozen=True, slots=True)
 class PlacementResult(Result):
     """What came out of placing an object. carried: the motion went to its end. off_mm, off_deg: how far the object
-    stands from where it was wanted, as the tracker sees it, None where it does not; peak_force_n: the largest estimated
-    force on a pad."""
+    stands from where it was wanted, as the tracker sees it, None where it does not; short_x_mm, short_y_mm,
+    short_yaw_deg: the way from there to where it was wanted. peak_force_n: the largest estimated force on a pad.
+    """
 
     object: str
     x_mm: float
@@ -134,6 +135,9 @@ class PlacementResult(Result):
     carried: bool
     off_mm: float | None
     off_deg: float | None
+    short_x_mm: float | None
+    short_y_mm: float | None
+    short_yaw_deg: float | None
     peak_force_n: float
     missed_deadlines: int
     safety_interventions: int

@@ -154,7 +154,8 @@ class DemonstrationSpecification(_Asked):
 class PlacementSpecification(_Asked):
     """Carry an object to a place. x_mm, y_mm, yaw_deg: of the place from the object's nominal one, about the world's z.
 
-    seed: of a simulated cell.
+    aim_x_mm, aim_y_mm, aim_yaw_deg: how much further the arms carry it, for what an attempt before fell short. seed: of
+    a simulated cell.
     """
 
     kind: ClassVar[str] = "placement"
@@ -166,6 +167,14 @@ class PlacementSpecification(_Asked):
     y_mm: DisplacementMm = 0.0
     yaw_deg: YawDeg = 0.0
     seed: Seed = 0
+    aim_x_mm: DisplacementMm = 0.0
+    aim_y_mm: DisplacementMm = 0.0
+    aim_yaw_deg: YawDeg = 0.0
+
+    @property
+    def aimed(self) -> Displacement:
+        """Where the arms set it down."""
+        return Displacement.given(self.y_mm + self.aim_y_mm, self.x_mm + self.aim_x_mm, self.yaw_deg + self.aim_yaw_deg)
 
     @property
     def wanted(self) -> Displacement:

@@ -1,6 +1,7 @@
 """The arms set an object where it is wanted: gently, turned, and not where it cannot be done."""
 
 from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hal.displacement import Displacement
 from rtstack.cells import open_cell
 from rtstack.log.reader import read_log
 from rtstack.trials.errors import TrialError
-from rtstack.trials.placement import difference, object_stands, prepare_placement
+from rtstack.trials.placement import difference, object_stands, place, prepare_placement
 from rtstack.trials.run_context import NO_CONTEXT
 from rtstack.trials.specification import PlacementSpecification, specification_of
 
@@ -50,6 +51,25 @@ def test_a_turn_beyond_a_joints_limit_is_a_line_before_anything_moves(cell, stan
     """Joint 5 of the arm that has to reach around ends some 28 degrees from where both arms face each other."""
     with pytest.raises(TrialError, match=r"rice_box cannot be placed: .* joint 5 of the (left|right) arm would be at"):
         placed(cell, PlacementSpecification(yaw_deg=wanted_deg), Displacement.given(0.0, 0.0, stands))
+
+
+def test_a_second_attempt_is_aimed_by_what_the_first_fell_short(cell):
+    """Made-up attempts that fall short by a tenth of the way: the second is exact to a tenth of a tenth."""
+    asked, aimed = PlacementSpecification("bottles", x_mm=60.0, y_mm=-40.0), []
+
+    def carry(prepared):
+        aimed.append(prepared.specification.aimed)
+        short = (60.0 - 0.9 * 1e3 * aimed[-1].x_m, -40.0 - 0.9 * 1e3 * aimed[-1].y_m, 0.0)
+        off_mm = float(np.hypot(*short[:2]))
+        return SimpleNamespace(
+            success=off_mm < 5.0, carried=True, off_mm=off_mm, short_x_mm=short[0], short_y_mm=short[1],
+            short_yaw_deg=short[2],
+        )  # fmt: skip
+
+    result = place(prepare_placement(asked, cell), 3, carry)
+    assert len(aimed) == 2
+    assert result.off_mm == pytest.approx(0.1 * 0.1 * np.hypot(60.0, 40.0))
+    assert (aimed[1].x_m, aimed[1].y_m) == pytest.approx((0.066, -0.044))
 
 
 def test_an_object_that_is_not_seen_or_has_fallen_is_a_line_before_anything_moves(cell):

@@ -13,7 +13,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.move import PreparedMove, holds
-from rtstack.trials.placement import NEAR_DEG, NEAR_MM, difference, object_stands, prepare_placement
+from rtstack.trials.placement import NEAR_DEG, NEAR_MM, difference, object_stands, place, prepare_placement
 from rtstack.trials.specification import HandMotion, MoveSpecification, PlacementSpecification
 
 ATTEMPTS = 3  # of the arms, before a person is asked
@@ -68,22 +68,17 @@ class Reset:
 
     def _by_the_arms(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
         """Return whether the object stands in its place, after some placements where it did not before."""
-        x_mm, y_mm, yaw_deg = 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg
-        for attempt in range(ATTEMPTS + 1):
-            try:
-                if _near(difference(object_stands(self._cell, description, name), wanted)):
-                    return True
-                if attempt == ATTEMPTS:
-                    return False
-                specification = PlacementSpecification(name, x_mm, y_mm, yaw_deg)
-                result = self._carry(prepare_placement(specification, description), Kind.PLACEMENT, case_id)
-            except TrialError:  # it is not seen, has fallen, or is out of reach
-                return False
-            if aborted(result.failure_reason):
-                raise TrialError(f"placing {name} was aborted: {result.failure_reason}")
-            if not result.carried:
-                return False
-        return False
+        specification = PlacementSpecification(name, 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg)
+        try:
+            if _near(difference(object_stands(self._cell, description, name), wanted)):
+                return True
+            prepared = prepare_placement(specification, description)
+            result = place(prepared, ATTEMPTS, lambda attempt: self._carry(attempt, Kind.PLACEMENT, case_id))
+        except TrialError:  # it is not seen, has fallen, or is out of reach
+            return False
+        if aborted(result.failure_reason):
+            raise TrialError(f"placing {name} was aborted: {result.failure_reason}")
+        return result.success
 
     def _by_a_person(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> None:
         """Tell a person what is wrong until the object has stood in its place for STANDS_S. Raises TrialError."""
