@@ -19,6 +19,7 @@ from rtstack.loop.end import OUTSIDE, End
 # A run that ended so counts for no controller: a person, a watchdog, this host or the link has ended it.
 ABORTS = OUTSIDE | {End.HARDWARE, End.TICK_OVERRUN, End.TORQUE_NOT_TAKEN, End.NOT_AT_REST}
 
+ON_THE_WAY = "on the way to the start pose"  # rtstack.trials.run says so
 LINK_ERROR = "communication_constraints_violation"  # the robot's, where answers did not come in time
 
 
@@ -61,9 +62,10 @@ class Attempt:
 def aborted(reason: str | None) -> bool:
     """Return whether a run ended for a reason that counts for no controller. reason: why it failed, None for success.
 
-    A reflex of the robot is what the controller has led it to, and counts; a lost link does not.
+    A reflex of the robot is what the controller has led it to, and counts; a lost link does not, nor what happens on
+    the way to the start.
     """
-    return End.in_reason(reason) in ABORTS and not reflex(reason)
+    return End.in_reason(reason) in ABORTS and (ON_THE_WAY in str(reason) or not reflex(reason))
 
 
 def reflex(reason: str | None) -> bool:

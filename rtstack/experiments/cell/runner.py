@@ -106,7 +106,8 @@ class CellRunner(Runner):
             reason = self._uncounted(result.failure_reason, result.missed_deadlines)
             if self._adopt([case]):
                 break
-            again = reason is None or End.in_reason(reason) is End.TICK_OVERRUN  # the arms stand in order
+            # the arms stand in order, or are recovered before the next run
+            again = reason is None or End.in_reason(reason) in (End.TICK_OVERRUN, End.HARDWARE)
             if not again or attempt >= self._schedule.attempts:
                 raise TrialError(f"{case.id} was aborted, and is run again: {reason or 'its log is not complete'}")
         self.tally.rows += 1
@@ -122,7 +123,12 @@ class CellRunner(Runner):
         """Run the control case once more; its log has a number, its row stands with the attempt."""
         planned, word = self._experiment.on_cell(control), kind.replace(" ", "-")
         planned = replace(planned, record={**planned.record, "repeats": word})
-        self._once(planned, control.id, kind, _unused(planned.log, word), control)
+        for attempt in count(1):
+            result = self._once(planned, control.id, kind, _unused(planned.log, word), control)
+            if not aborted(result.failure_reason):
+                return
+            if End.in_reason(result.failure_reason) is not End.HARDWARE or attempt >= self._schedule.attempts:
+                raise TrialError(f"the {kind} was aborted: {result.failure_reason}")
 
     def _once(self, planned: CellRun, name: str, kind: Kind, log: Path, control: Case | None = None) -> Any:
         """Run once, with the object in its place. name: of the case, or of the stage's task."""
@@ -152,10 +158,10 @@ class CellRunner(Runner):
             self._store.note_attempt(Attempt(began, kind, name, str(error), False, time.monotonic() - began_s))
             raise
         values, reason = result.as_dict(), result.failure_reason
-        counts = kind is Kind.CASE and self._uncounted(reason, values.get("missed_deadlines", 0)) is None
-        row = self._experiment.row_of_log(control, log) if kind is Kind.CONTROL and log is not None else None
+        counts = self._uncounted(reason, values.get("missed_deadlines", 0)) is None
+        row = self._experiment.row_of_log(control, log) if counts and control is not None and log is not None else None
         self._store.note_attempt(Attempt(
-            began, kind, name, reason, counts, time.monotonic() - began_s,
+            began, kind, name, reason, counts and kind is Kind.CASE, time.monotonic() - began_s,
             *(values.get(each) for each in ("off_mm", "off_deg", "peak_force_n")),
             log=None if log is None else log.name, row=None if row is None else json.dumps(row),
         ))  # fmt: skip
