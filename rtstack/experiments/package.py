@@ -117,8 +117,9 @@ def _description(about: Mapping[str, str], tables: Mapping[str, list[dict[str, s
     ]  # fmt: skip
     return {
         "name": about["name"], "title": about.get("title", about["name"]), "profile": "tabular-data-package",
-        "resources": resources, "rtstack": {key: about[key] for key in ("digest", "plan_digest", "plan_commit")},
-        "version": json.loads(about.get("version", "{}")),
+        "resources": resources,
+        "rtstack": {key: about[key] for key in ("digest", "plan_digest", "plan_commit")}
+        | {"made_by": json.loads(about.get("version", "{}"))},
     }  # fmt: skip
 
 

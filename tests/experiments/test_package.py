@@ -25,6 +25,8 @@ def test_a_packed_folder_checks_itself_and_names_every_column(finished, tmp_path
 
     assert check().returncode == 0
     package = json.loads((folder / "datapackage.json").read_text())
+    assert "version" not in package  # the format's own word, for a text
+    assert dict(package["rtstack"]["made_by"]["packages"])["mujoco"]
     for resource in package["resources"]:
         with open(folder / resource["path"], newline="") as file:
             names = next(csv.reader(file))
