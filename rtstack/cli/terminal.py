@@ -114,7 +114,7 @@ class Terminal:
         return self._paused
 
     def look(self, reason: str) -> None:
-        """See CellHost: nobody is there where the arms are simulated."""
+        """See CellHost. A person watches real arms alone."""
         if self.check().needed:
             self._paused = f"{reason}: look at the cell, then press p to go on"
 

@@ -204,7 +204,7 @@ def test_what_the_arms_cannot_mend_a_person_is_told_until_it_is_right():
 
     def carry(run, kind, case_id):
         carried.append(kind)
-        return SimpleNamespace(failure_reason="the object slipped", carried=False)
+        return SimpleNamespace(success=False, failure_reason="the object slipped", carried=False)
 
     def wait(said, kind, case_id):
         assert (kind, case_id) == (Kind.PERSON, "a case")
