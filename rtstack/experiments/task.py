@@ -1,5 +1,6 @@
 """What a worker does with a task: compare its files, call the function, add to the rows where they come from."""
 
+import atexit
 import gc
 import hashlib
 import os
@@ -49,3 +50,4 @@ def _check(sources: Sources) -> None:
         if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
             raise WorkerMismatch(f"a worker on {os.uname().nodename} has another {path} than the campaign")
     gc.freeze()  # what is imported stays: collections need not look at it after every log
+    atexit.register(gc.unfreeze)  # but the last one, before libraries look for what has outlived them

@@ -1,6 +1,5 @@
 """What a worker does: identify a joint's friction, or run a trial and write its log. References: see reference.py."""
 
-import atexit
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -166,9 +165,6 @@ def _prepared(
 def _models(bench: ValidationBench) -> tuple[ArmController, ...]:
     description = bench.description
     return arm_controllers(description, cell_parameters(description))
-
-
-atexit.register(_models.cache_clear)  # the solver's library reports one that outlives it as leaked
 
 
 def run(
