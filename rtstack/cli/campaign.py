@@ -136,12 +136,12 @@ def _opened(name: str, request: "Request", quick: bool, given: Iterable[str]) ->
 
 def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
     """Return the terminal at whose arms the cases run, None where they run in the simulator. Raises TrialError."""
-    from rtstack.experiments.experiment import SIMULATED, Experiment
+    from rtstack.experiments.experiment import SIMULATED
 
     request = experiment.request
     if request.cell in SIMULATED:
         return None
-    if type(experiment).on_cell is Experiment.on_cell:
+    if not experiment.runs_on_cell():
         raise TrialError(f"--cell {request.cell}: {name} runs in the simulator: direct, or lockstep")
     if request.logs is not None:
         raise TrialError("--logs: on arms the logs go to --out; copy them once they are there")

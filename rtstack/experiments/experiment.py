@@ -214,8 +214,16 @@ class Experiment(ABC, Generic[S, C]):
         raise TrialError(f"{self.specification.name} runs in the simulator alone: --cell direct, or lockstep")
 
     def row_of_log(self, case: C, log: Path) -> Row | None:
-        """Return the row of a case that ran on arms from its log, None where it is not a complete one of this case."""
-        raise NotImplementedError
+        """Return the row of a case that ran on arms from its log, None where it is not a complete one of this case.
+
+        Raises TrialError where this kind runs in the simulator alone: a kind defines `on_cell` and this, or neither.
+        """
+        raise TrialError(f"{type(self).__name__} defines no row_of_log: it runs in the simulator alone")
+
+    @classmethod
+    def runs_on_cell(cls) -> bool:
+        """Return whether cases of this kind can run on arms."""
+        return cls.on_cell is not Experiment.on_cell and cls.row_of_log is not Experiment.row_of_log
 
     def robot_s(self, row: Row) -> float:
         """Return how many seconds of the robot's time a row took."""

@@ -50,7 +50,7 @@ def test_what_differs_is_paired_by_row(campaigns, command_line):
     lift, success = found.columns
     assert (lift.differing, lift.one_sided, lift.means, lift.largest) == (3, 1, (1.5, 2.5), 1.5)
     assert lift.difference.mean == 1.0
-    # of 0.5 and 1.5 by hand: 1 +- 12.706 x 0.7071 / sqrt(2)
+    # the t interval of the differences 0.5 and 1.5, by hand: 1 +- 12.706 x 0.7071 / sqrt(2)
     assert lift.difference.high == pytest.approx(1.0 + 12.706 * 0.5, abs=1e-3)
     assert success.difference.mean == pytest.approx(-1.0 / 3.0)
     (claim,) = found.claims

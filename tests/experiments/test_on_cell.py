@@ -19,7 +19,8 @@ from rtstack.experiments import attempts
 from rtstack.experiments.attempts import Attempt, Kind, aborted
 from rtstack.experiments.cell.reset import Reset, instruction
 from rtstack.experiments.cell.schedule import CellSchedule, control_case, ordered
-from rtstack.experiments.experiment import CellRun
+from rtstack.experiments.experiment import CellRun, Experiment
+from rtstack.experiments.registry import kind_named
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.carry_out import PreparedRun
@@ -119,6 +120,13 @@ def test_what_cannot_run_on_arms_says_so_before_anything_is_made(plan, said, tmp
     assert done.returncode == 2
     assert said in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_kind_runs_on_arms_that_says_how_and_reads_its_rows_back():
+    whole = kind_named("reference-spreading")
+    half = type("Half", (whole,), {"row_of_log": Experiment.row_of_log})  # would move the arms, and then have no row
+    found = [kind.runs_on_cell() for kind in (whole, half, kind_named("aim-aware-grab"))]
+    assert found == [True, False, False]
 
 
 @dataclass(frozen=True)

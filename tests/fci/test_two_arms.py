@@ -54,7 +54,7 @@ def test_a_state_shows_the_torque_that_answered_the_one_before(fresh_server) -> 
         both = hold_both(served, 2000)
     for states, _, answered in both:
         rates = states["control_command_success_rate"]
-        # of what comes late before the robot has taken its first torque, nothing counts as lost
+        # before its first torque the robot counts no late answer as lost
         taking = np.maximum.accumulate((states["tau_J_d"] != 0.0).any(axis=1))[:-1]
         nothing_lost = (np.diff(states["message_id"].astype(int)) == 1) & (rates[1:] == 1.0) & taking
         assert nothing_lost.any()
