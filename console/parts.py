@@ -101,7 +101,7 @@ def assemble(
         review_cache=kept(ReviewCache(logs)),
         review_scenes=kept(ReviewScenes(cell)),
         queue=queue,
-        campaigns=kept(Campaigns(logs)),
+        campaigns=kept(Campaigns(logs, socket_path)),
         preview=kept(Preview(cell_file, ghost, profile)),
         trainer=kept(Trainer(watch)),
         questions=questions,

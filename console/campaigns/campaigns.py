@@ -48,7 +48,8 @@ class CampaignView:
     """A campaign. `stage`: what is being done, `done` of `total` of it; `message`: what it said last, where it failed.
 
     time_left_s: from the pace since it was started here, None while that is unknown. preliminary: figures and claims
-    are from the results so far. claims: conditions, where, claim, figures, verdict.
+    are from the results so far. claims: conditions, where, claim, figures, verdict. on_cell: on the stack's arms, where
+    `says` is what a person is to do, `next` the case after the one that runs, and `paused` whether none begins.
     """
 
     id: str
@@ -65,6 +66,10 @@ class CampaignView:
     preliminary: bool
     figures: tuple[Figure, ...]
     claims: tuple[dict[str, str], ...]
+    on_cell: bool
+    says: str
+    next: str
+    paused: bool
 
 
 @dataclass(slots=True)
@@ -76,9 +81,10 @@ class _Running:
 
 
 class Campaigns:
-    """All campaigns of one folder of logs. May be used from any thread."""
+    """All campaigns of one folder of logs. May be used from any thread. socket: of the stack's robot process."""
 
-    def __init__(self, logs: Path) -> None:
+    def __init__(self, logs: Path, socket: Path) -> None:
+        self._socket = socket
         self._directory = logs.resolve() / FOLDER
         self._lock = threading.RLock()
         self._running: _Running | None = None
@@ -101,15 +107,16 @@ class Campaigns:
                     running.process.wait()
                 self._forget(running)
 
-    def start(self, name: str, quick: bool, workers: int | None, niceness: int) -> CampaignView:
+    def start(self, name: str, quick: bool, workers: int | None, niceness: int, on_cell: bool = False) -> CampaignView:
         """Begin a campaign in a folder of its own. Raises Refused while another one runs."""
         with self._lock:
             self._free()
             folder = self._new_folder(f"{time.strftime('%Y%m%d-%H%M%S')}-{Path(name).stem}{'-quick' * quick}")
             try:
                 self._directory.mkdir(exist_ok=True)
-                folder.keep(Asked(name, quick, time.time()))
-                self._begin(folder, Asked(name, quick, 0.0), workers, niceness, resume=False)
+                asked = Asked(name, quick, time.time(), on_cell)
+                folder.keep(asked)
+                self._begin(folder, asked, workers, niceness, resume=False)
             except OSError as error:
                 raise Refused(409, f"it cannot be begun in {self._directory}: {error.strerror}") from None
             return self.view(folder.id)
@@ -131,6 +138,18 @@ class Campaigns:
             if running is None or running.folder.id != campaign_id:
                 raise Refused(409, "this campaign is not running")
             self._interrupt(running)
+            return self.view(campaign_id)
+
+    def pause(self, campaign_id: str, reason: str | None) -> CampaignView:
+        """Begin no further run of a campaign on arms, for this reason; None: go on. Raises Refused."""
+        with self._lock:
+            folder, _ = self._folder(campaign_id)
+            if self._alive() is None or not self.view(campaign_id).on_cell or not folder.path.is_dir():
+                raise Refused(409, "this campaign does not run on the arms: cancel it, it can be resumed")
+            if reason is None:
+                folder.pause.unlink(missing_ok=True)
+            else:
+                folder.pause.write_text(reason, encoding="utf-8")
             return self.view(campaign_id)
 
     def views(self) -> list[CampaignView]:
@@ -171,6 +190,7 @@ class Campaigns:
         at_once = workers or max(1, len(os.sched_getaffinity(0)) - 1)
         command = ["campaign", asked.name, "--out", str(folder.path), "--workers", str(at_once)]
         command += ["--quick"] * asked.quick + ["--resume"] * resume
+        command += ["--cell", f"stack:{self._socket}"] if asked.on_cell else []
         child = [sys.executable, "-m", "rtstack.cli.child", str(niceness), *command]
         with folder.said.open("a", encoding="utf-8") as said:
             process = subprocess.Popen(child, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
@@ -195,6 +215,7 @@ class Campaigns:
     def _view(self, folder: CampaignFolder, asked: Asked) -> CampaignView:
         stage = folder.stage()
         state = self._state(folder, stage)
+        ended = state is CampaignState.INTERRUPTED
         figures = folder.figures()
         return like(
             CampaignView,
@@ -204,11 +225,12 @@ class Campaigns:
             state=state,
             stage=stage.label,
             time_left_s=self._time_left_s(stage) if state is CampaignState.RUNNING else None,
-            message=folder.last_line() if state is CampaignState.FAILED else "",
+            message=folder.last_line() if state is CampaignState.FAILED or (ended and asked.on_cell) else "",
             report=folder.report is not None,
             preliminary=folder.report is None and bool(figures),
             figures=tuple(Figure(key, path.stem, path.stat().st_mtime) for key, path in figures.items()),
             claims=tuple(folder.claims()),
+            paused=state is CampaignState.RUNNING and folder.pause.exists(),
         )
 
     def _state(self, folder: CampaignFolder, stage: Stage) -> CampaignState:

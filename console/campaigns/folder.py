@@ -18,27 +18,34 @@ from pydantic.dataclasses import dataclass as checked
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 
 # what a campaign writes; a test compares them with the names of rtstack.experiments, which would bring Dask along
-DATABASE, PROGRESS = "campaign.sqlite", "progress.json"
+DATABASE, PROGRESS, PAUSE = "campaign.sqlite", "progress.json", "pause.txt"
 PAGE, FIGURES, NUMBERS = "report.html", "figures", "report.json"
 _TAIL_BYTES = 4096
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class Asked:
-    """What was asked for: a plan by name, all of it or its sample, begun at this Unix time."""
+    """What was asked for: a plan by name, all of it or its sample, begun at this Unix time; on_cell: on the arms of the
+    stack, not simulated.
+    """
 
     name: str
     quick: StrictBool
     began_s: StrictFloat
+    on_cell: StrictBool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What is being done, and how much of it is done; total is None before that was said."""
+    """What is being done, and how much of it is done; total is None before that was said. says: what a person is to do
+    or to know; next: the case after the one that runs on arms.
+    """
 
     label: str
     done: int
     total: int | None
+    says: str = ""
+    next: str = ""
 
 
 class CampaignFolder:
@@ -63,6 +70,11 @@ class CampaignFolder:
         """The report, None before it was written."""
         page = self.path / PAGE
         return page if page.is_file() else None
+
+    @property
+    def pause(self) -> Path:
+        """The file that pauses a campaign on arms between two runs, for as long as it is there; it says why."""
+        return self.path / PAUSE
 
     def keep(self, asked: Asked) -> None:
         """Note what was asked for."""
@@ -89,7 +101,8 @@ class CampaignFolder:
         """Return how far it is, as the campaign has noted it."""
         try:
             noted = json.loads((self.path / PROGRESS).read_bytes())
-            return Stage(str(noted["stage"]), int(noted["done"]), int(noted["total"]))
+            words = str(noted.get("says", "")), str(noted.get("next", ""))
+            return Stage(str(noted["stage"]), int(noted["done"]), int(noted["total"]), *words)
         except (OSError, ValueError, KeyError, TypeError):
             return Stage("starting", 0, None)
 

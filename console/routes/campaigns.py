@@ -57,12 +57,13 @@ class RunOrder:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class CampaignOrder:
-    """A plan by its name, all of it or its sample."""
+    """A plan by its name, all of it or its sample. on_cell: on the arms of this cell, not simulated."""
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
     quick: StrictBool = False
     workers: Workers | None = None
     nice: StrictBool = False
+    on_cell: StrictBool = False
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -84,7 +85,7 @@ class PlanOrder:
 @dataclass(frozen=True, slots=True)
 class PlanView:
     """A campaign that can be started, or the `problem` of one that cannot. quick_trials: of its sample, None where it
-    has none; own: of the user's own.
+    has none; own: of the user's own; on_cell: whether it can run on arms.
     """
 
     name: str
@@ -93,6 +94,7 @@ class PlanView:
     quick_trials: int | None
     own: bool = False
     problem: str | None = None
+    on_cell: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,14 +130,20 @@ def campaigns(parts: NeedsParts) -> CampaignsView:
 
 @router.post("/campaigns", status_code=201, responses=problems(503), dependencies=[_TWO_ARMS])
 def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
-    """Start a campaign here. Refused while another operator has control, or, without `nice`, with armed arms."""
+    """Start a campaign here. Refused while another operator has control, or, without `nice`, with armed arms.
+
+    On this cell: refused unless the arms are armed, by the operator who asks; the campaign takes control over.
+    """
     known = {plan.name: plan for plan in _plans()}
     if order.name not in known:
         raise HTTPException(404, f"name: there is no such campaign; there are {', '.join(known)}")
     if known[order.name].problem is not None:
         raise HTTPException(409, f"name: this plan cannot be run: {known[order.name].problem}")
-    _check(order.nice, session, parts)
-    return parts.campaigns.start(order.name, order.quick, order.workers, NICEST if order.nice else NICENESS)
+    if order.on_cell and not known[order.name].on_cell:
+        raise HTTPException(409, f"on_cell: {order.name} runs in the simulator alone")
+    _check(order.nice, order.on_cell, session, parts)
+    niceness = NICEST if order.nice else NICENESS
+    return parts.campaigns.start(order.name, order.quick, order.workers, niceness, order.on_cell)
 
 
 @router.post("/plans", status_code=201, responses=problems(422), dependencies=[_TWO_ARMS])
@@ -167,7 +175,7 @@ def campaign(campaign_id: Id, parts: NeedsParts) -> CampaignView:
 @router.post("/campaigns/{campaign_id}/resume", responses=problems(503), dependencies=[_TWO_ARMS])
 def resume(campaign_id: Id, order: RunOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Run what is missing, under the same rules as a start."""
-    _check(order.nice, session, parts)
+    _check(order.nice, parts.campaigns.view(campaign_id).on_cell, session, parts)
     return parts.campaigns.resume(campaign_id, order.workers, NICEST if order.nice else NICENESS)
 
 
@@ -175,6 +183,19 @@ def resume(campaign_id: Id, order: RunOrder, session: NeedsSession, parts: Needs
 def cancel(campaign_id: Id, parts: NeedsParts) -> CampaignView:
     """End a campaign as at Ctrl-C: what it has stays, and it can be resumed. Everybody who is signed in."""
     return parts.campaigns.cancel(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/pause")
+def pause(campaign_id: Id, session: NeedsSession, parts: NeedsParts) -> CampaignView:
+    """Begin no further run of a campaign on the arms; what runs goes on to its end. It needs no lease."""
+    return parts.campaigns.pause(campaign_id, f"paused by {session.operator}")
+
+
+@router.post("/campaigns/{campaign_id}/continue")
+def go_on(campaign_id: Id, session: NeedsSession, parts: NeedsParts) -> CampaignView:
+    """Go on with a campaign that is paused; where the arms were disarmed meanwhile, it arms them."""
+    parts.audit.note("continue", session.operator, f"{session.operator} let the campaign on the arms go on")
+    return parts.campaigns.pause(campaign_id, None)
 
 
 @router.get("/campaigns/{campaign_id}/results")
@@ -242,9 +263,13 @@ def adopt(campaign_id: Id, row_id: Id, parts: NeedsParts) -> Adopted:
     return Adopted(entry.id)
 
 
-def _check(nice: bool, session: UserSession, parts: Parts) -> None:
-    """Raise RobotRefused where a campaign would disturb the operator who has control."""
+def _check(nice: bool, on_cell: bool, session: UserSession, parts: Parts) -> None:
+    """Raise RobotRefused where a campaign would disturb the operator who has control, or may move no arms."""
     status = parts.client.status()
+    if on_cell:
+        if status.holder != session.operator or status.phase is not Phase.ARMED:
+            raise RobotRefused("take control and arm the arms first: a campaign on this cell takes over from you")
+        return
     if status.holder not in (None, session.operator):
         raise RobotRefused(f"{status.holder} has control: a campaign would take this machine's time; ask them")
     if status.phase in (Phase.ARMED, Phase.MOVING) and not nice:
@@ -292,4 +317,4 @@ def _read(name: str, path: pathlib.Path, own: bool = False) -> PlanView:
         sample = kind.read(path, quick=True).size()
     except ConfigurationError:
         sample = None
-    return PlanView(name, whole.title, whole.size(), sample, own)
+    return PlanView(name, whole.title, whole.size(), sample, own, on_cell=kind.runs_on_cell())

@@ -22,12 +22,14 @@ from rtstack.cli.tables import print_table
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
-    from rtstack.cli.terminal import Terminal
+    from rtstack.cli.stack_operator import StackOperator
+    from rtstack.experiments.cell.host import CellHost
     from rtstack.experiments.experiment import Experiment, Request
     from rtstack.experiments.report import Report
     from rtstack.experiments.runner import Tally
 
 commands = typer.Typer()
+STACK = "stack"  # --cell: the arms are the running stack's
 
 
 @commands.command()
@@ -48,7 +50,10 @@ def campaign(
     ] = None,
     cell: Annotated[
         str | None,
-        typer.Option(help="direct (the default); lockstep: over the wire, with the same rows; fci:LEFT,RIGHT: arms."),
+        typer.Option(
+            help="direct (the default); lockstep: over the wire, with the same rows; fci:LEFT,RIGHT: arms; stack: the "
+            "arms of the stack that runs here (stack:SOCKET where there are several)."
+        ),
     ] = None,
     cell_file: CellFile = None,
     profile: Profile = None,
@@ -69,15 +74,19 @@ def campaign(
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
-    cell_file, data = (each and each.resolve() for each in (cell_file, data))
+    cell_file, data, out = (each and each.resolve() for each in (cell_file, data, out))
+    host = None
+    if cell is not None and cell.partition(":")[0] == STACK:
+        host = _stack_operator(cell, name, out, cell_file)
     options = {"cell": cell, "logs": logs, "cell_file": cell_file, "profile": profile, "data": data}
     given = {name: value for name, value in options.items() if value is not None}
-    request = Request(plan_file(name), out.resolve(), **given)
+    at = {} if host is None else {"cell": f"{STACK}:{host.kind}", "cell_file": host.cell_file}
+    request = Request(plan_file(name), out, **given | at)
     experiment = _opened(name, request, quick, given)
     check_folder(experiment, resume)
     more = "".join(f" --{option.replace('_', '-')} {value}" for option, value in given.items())
     again = f"rtstack campaign {name} --out {request.out}{' --quick' * quick} --resume{more}"
-    host = _arms(experiment, name)
+    host = _arms(experiment, name, host)
     again += f" --webhook {webhook}" if webhook else ""
     notify = Webhook(webhook, name) if webhook else lambda event, text: None
     with _resumable(again):
@@ -134,8 +143,19 @@ def _opened(name: str, request: "Request", quick: bool, given: Iterable[str]) ->
     return kind(kind.read(request.file.path, quick), request)
 
 
-def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
-    """Return the terminal at whose arms the cases run, None where they run in the simulator. Raises TrialError."""
+def _stack_operator(cell: str, name: str, out: Path, cell_file: Path | None) -> "StackOperator":
+    """Return the operator of the stack that runs. Raises TrialError, ConfigurationError."""
+    from rtstack.cli.stack_operator import StackOperator
+    from rtstack.live.client import only_stack
+
+    if cell_file is not None:
+        raise TrialError(f"--cell-file {cell_file}: the stack has its own")
+    socket = cell.partition(":")[2]
+    return StackOperator(Path(socket) if socket else only_stack(f"--cell {STACK}:SOCKET"), name, out)
+
+
+def _arms(experiment: "Experiment[Any, Any]", name: str, stack: "StackOperator | None") -> "CellHost | None":
+    """Return the host at whose arms the cases run, None where they run in the simulator. Raises TrialError."""
     from rtstack.experiments.experiment import SIMULATED
 
     request = experiment.request
@@ -145,6 +165,8 @@ def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
         raise TrialError(f"--cell {request.cell}: {name} runs in the simulator: direct, or lockstep")
     if request.logs is not None:
         raise TrialError("--logs: on arms the logs go to --out; copy them once they are there")
+    if stack is not None:
+        return stack
     from rtstack.cli.terminal import Terminal
 
     host = Terminal.of(request.cell, None, request.cell_file, f"the campaign {name}")
@@ -153,7 +175,7 @@ def _arms(experiment: "Experiment[Any, Any]", name: str) -> "Terminal | None":
 
 
 def _run(
-    experiment: "Experiment[Any, Any]", workers: int, scheduler: str | None, host: "Terminal | None",
+    experiment: "Experiment[Any, Any]", workers: int, scheduler: str | None, host: "CellHost | None",
     notify: Callable[[str, str], None],
 ) -> None:  # fmt: skip
     from rtstack.experiments.invocation import invoke

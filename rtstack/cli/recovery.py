@@ -47,9 +47,9 @@ def recover_arms(
 
 
 def _recover_stack(socket: Path | None) -> None:
-    from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, running_stacks
+    from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, only_stack
 
-    socket = socket or _only(running_stacks())
+    socket = socket or only_stack("--stack SOCKET")
     client = RobotClient(socket)
     try:
         status = client.status()
@@ -81,16 +81,6 @@ def _recover_pair(kind: str) -> None:
         fail(str(error))
     finally:
         pair.close()
-
-
-def _only(found: list[Path]) -> Path:
-    if not found:
-        raise TrialError(
-            "no stack is running: start one with `rtstack up`, or name the arms with --cell fci:LEFT,RIGHT"
-        )
-    if len(found) > 1:
-        raise TrialError(f"{len(found)} stacks are running: name one with --stack: {', '.join(map(str, found))}")
-    return found[0]
 
 
 def _operator() -> str:

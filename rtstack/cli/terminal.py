@@ -10,6 +10,7 @@ from typing import Any
 import typer
 
 from hal.cell import Cell
+from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell, with_profile
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.hold_to_run import HoldToRun
@@ -19,6 +20,7 @@ from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.carry_out import PreparedRun, R, carry_out
+from rtstack.trials.errors import TrialError
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
@@ -43,6 +45,7 @@ class Terminal:
     led: bool = False
     softly: bool = False
     record: Mapping[str, str] | None = None
+    sets_object: bool = False  # see CellHost
     _hold: HoldToRun | None = None
     _cell: Cell | None = None
     _context: RunContext | None = None
@@ -103,10 +106,24 @@ class Terminal:
             self._warned.add(text)
             print(f"rtstack: warning: {text}", file=sys.stderr)
 
-    @property
-    def stopped(self) -> bool:
+    def carry_out(self, run: PreparedRun[R], log: Path, record: Mapping[str, str] = {}) -> R:
         """See CellHost."""
-        return self._context is not None and self._context.stop is not None and self._context.stop.stop_requested
+        self.log_path, self.record = log, record or None
+        return carry_out(run, self)
+
+    def recover(self) -> None:
+        """See CellHost."""
+        try:
+            for arm in self._cell.arms if self._cell is not None else ():
+                arm.recover()
+        except HardwareError as error:
+            raise TrialError(f"the arms do not recover: {error}") from None
+
+    @property
+    def stopped(self) -> str:
+        """See CellHost."""
+        stop = None if self._context is None else self._context.stop
+        return "stopped between two runs" if stop is not None and stop.stop_requested else ""
 
     @property
     def paused(self) -> str:

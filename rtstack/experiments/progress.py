@@ -41,7 +41,7 @@ class Progress:
         self._robot_s = 0.0
         self._began_s = self._said_s = time.monotonic()
         self._written_s = -FILE_S
-        self._told = ""
+        self._told = self._next = ""
         self._tell = told
 
     def begin(self, label: str, done: int, total: int) -> None:
@@ -82,6 +82,11 @@ class Progress:
         elif text:
             print(text, file=sys.stderr, flush=True)
 
+    def say_next(self, text: str) -> None:
+        """Say what is run after what runs now, "" for nothing; a person at the arms sees it."""
+        self._next = text
+        self._write()
+
     def close(self) -> None:
         """Bring the file to what it is now."""
         if self._label:
@@ -100,7 +105,7 @@ class Progress:
         """Replace the file by a whole one."""
         self._written_s = time.monotonic()
         values = {"stage": self._label, "done": self._done, "failed": self._failed, "total": self._total}
-        values |= {"says": self._told} if self._told else {}
+        values |= {key: text for key, text in (("says", self._told), ("next", self._next)) if text}
         write_whole(self._file, json.dumps(values) + "\n")
 
 

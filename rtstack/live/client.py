@@ -19,6 +19,7 @@ from rtstack.live.protocol import (
     decode_answer,
     encode,
 )
+from rtstack.trials.errors import TrialError
 
 RUN_PREFIX = "rtstack-"  # of the folder of a running stack, among the temporary files
 SOCKET_NAME = "robot.sock"
@@ -31,6 +32,21 @@ def running_stacks() -> list[Path]:
     found = sorted(Path(tempfile.gettempdir()).glob(f"{RUN_PREFIX}*/{SOCKET_NAME}"))
     found.append(SERVICE_SOCKET)
     return [path for path in found if _ours(path) and listens(path)]
+
+
+def only_stack(naming: str) -> Path:
+    """Return the socket of the only stack that runs. naming: how a user names another one.
+
+    Raises TrialError where none runs, or several.
+    """
+    found = running_stacks()
+    if not found:
+        raise TrialError(
+            "no stack is running: start one with `rtstack up`, or name the arms with --cell fci:LEFT,RIGHT"
+        )
+    if len(found) > 1:
+        raise TrialError(f"{len(found)} stacks are running: name one with {naming}: {', '.join(map(str, found))}")
+    return found[0]
 
 
 def _ours(path: Path) -> bool:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
 from hal.base.realtime import scheduling
 from rtstack.live.audit import AuditTrail
@@ -37,7 +38,9 @@ class JobManager:
     A rtstack.loop.watchdogs.Watchdog too: it ends a session when the process has to end.
     """
 
-    def __init__(self, source: CellSource, mailbox: Mailbox, audit: AuditTrail) -> None:
+    def __init__(self, source: CellSource, mailbox: Mailbox, audit: AuditTrail, logs: Path) -> None:
+        """logs: the folder of logs."""
+        self._source, self._logs = source, logs
         self.authority = ControlAuthority(mailbox, audit)
         self._lock = threading.Lock()
         self._news = threading.Event()
@@ -100,6 +103,9 @@ class JobManager:
                 Status,
                 authority,
                 cell=self._description.name,
+                kind=self._source.kind,
+                cell_file=str(self._source.file),
+                logs=str(self._logs),
                 simulated=self._description.simulated,
                 objects=tuple(self._description.objects),
                 object=self._object,

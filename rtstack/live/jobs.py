@@ -56,7 +56,8 @@ class Jobs:
         self._idle = idle
         self._watchdogs = watchdogs
         self._run_observer = run_observer
-        self._path, self._faults = Path(), ""  # of the job that runs: its log, and the text of its faults file
+        # of the job that runs: its log, the text of its faults file, and what its log says of a campaign
+        self._path, self._faults, self._campaign = Path(), "", None
         self._first_object = next(iter(source.description.objects))
 
     def run(self, request: RunRequest, log: Path) -> Result:
@@ -64,7 +65,7 @@ class Jobs:
         manager, asked = self._job_manager, request.specification
         if not asked.by_hand:  # which is the way out, and to the next point of a calibration
             self._source.check()
-        self._path, self._faults = log, request.faults
+        self._path, self._faults, self._campaign = log, request.faults, request.campaign or None
         specification = asked.as_job(manager.job_number, request.operator, manager.object_name)
         return carry_out(prepare(specification, self._description), self)
 
@@ -134,7 +135,8 @@ class Jobs:
             return None
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        log = run.open_log(self._path, cell.name, self._source.file, cell)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        log = run.open_log(self._path, cell.name, self._source.file, cell, self._campaign)
         self._job_manager.started(self._path.name, {} if log.cameras is None else log.cameras.rings)
         self._idle.tell(Level.INFO, f"{run.specification.verb} started: {self._path.name}")
         return log

@@ -19,6 +19,7 @@ from rtstack.trials.specification import (
     DemonstrationSpecification,
     GuideSpecification,
     MoveSpecification,
+    PlacementSpecification,
     PlaybackSpecification,
     TeleoperationSpecification,
     TrialSpecification,
@@ -27,6 +28,7 @@ from rtstack.trials.specification import (
 MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longer is not ours
 
 # a person's or a program's name: one line without control characters, and no space around it
+_LOG_PATH = r"^(([A-Za-z0-9][^/\p{C}]*/)*[A-Za-z0-9][^/\p{C}]*\.mcap)?$"
 Operator = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\p{C}\s]([^\p{C}]*[^\p{C}\s])?$")]
 
 
@@ -42,6 +44,7 @@ class JobKind(StrEnum):
     TELEOPERATION = "teleoperation"
     PLAYBACK = "playback"
     MOVE = "move"
+    PLACE = "place"
     GUIDE = "guide"
 
 
@@ -69,6 +72,7 @@ JobSpecification = (
     | TeleoperationSpecification
     | PlaybackSpecification
     | MoveSpecification
+    | PlacementSpecification
     | GuideSpecification
 )
 _SPECIFICATIONS: dict[str, TypeAdapter[Any]] = {kind.verb: TypeAdapter(kind) for kind in get_args(JobSpecification)}
@@ -95,11 +99,15 @@ class RunRequest:
     """Ask for a run, by the operator who has armed. On the line the specification has one more key, its `kind`.
 
     faults: the text of a faults file for the simulated robot, as for `rtstack sim --faults`; empty for none.
+    log: path of the log in the folder of logs; empty: a name of its time and kind. campaign: what the log says of the
+    campaign that the run is part of.
     """
 
     specification: Annotated[JobSpecification, PlainValidator(_specification)]
     operator: Operator
     faults: Annotated[str, Field(max_length=4096)] = ""
+    log: Annotated[str, Field(max_length=1024, pattern=_LOG_PATH)] = ""
+    campaign: dict[str, str] = field(default_factory=dict)
     verb: Literal["run"] = "run"
 
     @property
@@ -172,9 +180,13 @@ class Status:
     `object` is what the open cell holds. `phase` says whether the arms may move, since the Unix time `since_s`;
     `reason` is the fault's, until it is recovered from; `holder` is the operator who has control.
     `scheduler` is how the system schedules the loop's thread now: fifo while it is a real-time one, or other.
+    kind: of the cell, as the command line spells it; cell_file, logs: paths of its description and the folder of logs.
     """
 
     cell: str
+    kind: str
+    cell_file: str
+    logs: str
     simulated: StrictBool
     objects: tuple[str, ...]
     object: str

@@ -179,7 +179,7 @@ class Robot:
                 )
 
     def _carry_out(self, order: RunRequest) -> None:
-        log = free_name(self._logs, order)
+        log = self._logs / order.log if order.log else free_name(self._logs, order)
         self._end = None
         try:
             result = self._jobs.run(order, log)
@@ -241,7 +241,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
-    job_manager = JobManager(source, mailbox, audit)
+    job_manager = JobManager(source, mailbox, audit, asked.logs.resolve())
     _end_by_signal(job_manager)
     if not asked.alone:
         watch_parent(lambda: job_manager.end(End.PARENT_GONE, "the supervisor has died"))

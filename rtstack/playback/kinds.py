@@ -8,6 +8,7 @@ from rtstack.playback.run import prepare_playback
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.demonstration import prepare_demonstration
 from rtstack.trials.move import PreparedGuide, PreparedMove
+from rtstack.trials.placement import prepare_placement
 from rtstack.trials.specification import Specification
 from rtstack.trials.teleoperation import prepare_teleoperation
 from rtstack.trials.trial import prepare_trial
@@ -18,6 +19,7 @@ _KINDS: dict[str, Callable[[Any, CellDescription], PreparedRun]] = {
     "teleoperation": prepare_teleoperation,
     "playback": prepare_playback,
     "move": PreparedMove,
+    "place": prepare_placement,
     "guide": PreparedGuide,
 }
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import atan2, degrees, pi
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,6 +38,7 @@ LOST_S = 1.0  # without a pose for so long, the object may stand elsewhere by no
 class PreparedPlacement(PreparedRun[PlacementResult]):
     """One attempt: take the object, carry it, set it down, and look where it stands."""
 
+    keeps_open_cell: ClassVar[bool] = True
     specification: PlacementSpecification
 
     def start_motion(self, cell: Cell) -> StartMotion | None:

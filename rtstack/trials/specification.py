@@ -40,7 +40,7 @@ Tightening = Annotated[
 T = TypeVar("T")
 
 
-def like(kind: type[T], *records: Any, **more: Any) -> T:
+def like(kind: type[T], /, *records: Any, **more: Any) -> T:
     """Return a dataclass `kind`: each field as `more` says, or as in the last record with a field of its name."""
     names = {field.name for field in fields(kind)}  # pyright: ignore[reportArgumentType]
     values = {each.name: getattr(record, each.name) for record in records for each in fields(record)}

@@ -15,11 +15,13 @@ import pytest
 from console.campaigns import campaigns, folder
 from console.campaigns.campaigns import NICENESS
 from console.routes.campaigns import REPORT_POLICY
+from rtstack.cli import stack_operator
 from rtstack.experiments import page, progress, report, store
 from rtstack.experiments.registry import plan_file
 from rtstack.live.client import RobotClient
 from tests.support.campaigns import two_controllers
 from tests.support.console.client import arm
+from tests.support.console.stack import Stack
 
 PATIENCE_S = 240.0
 NO_CONTEXT = "0" * 16
@@ -38,7 +40,7 @@ def until(client, address, reached):
         if reached(said):
             return said
         assert time.monotonic() < deadline, said
-        assert said["state"] != "failed", said["message"]
+        assert said["state"] not in ("failed", "interrupted", "finished"), said["message"]
         time.sleep(0.2)
 
 
@@ -88,7 +90,7 @@ def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_resul
 @pytest.mark.long
 def test_one_that_was_cancelled_at_once_is_begun_again_in_the_same_second(plan, tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.time, "strftime", lambda layout: "20261123-050000")
-    kept = campaigns.Campaigns(tmp_path)
+    kept = campaigns.Campaigns(tmp_path, tmp_path / "robot.sock")
     try:
         for began in range(1, 4):
             campaign = kept.start(str(plan), True, 1, NICENESS)
@@ -107,7 +109,7 @@ def test_a_campaign_ends_with_the_console_however_that_ends(plan, tmp_path):
     """A console that is killed lets go of the pipe: the campaign ends, and so does everything that it started."""
     program = (
         "import sys, time; from pathlib import Path; from console.campaigns.campaigns import Campaigns\n"
-        f"Campaigns(Path({str(tmp_path)!r})).start({str(plan)!r}, False, 1, 10)\n"
+        f"Campaigns(Path({str(tmp_path)!r}), Path()).start({str(plan)!r}, False, 1, 10)\n"
         "print('begun', flush=True); time.sleep(1000)"
     )
     console = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
@@ -126,6 +128,55 @@ def test_a_campaign_ends_with_the_console_however_that_ends(plan, tmp_path):
     _, alive = psutil.wait_procs([child, *started], timeout=PATIENCE_S)
     assert not alive, said.read_text()
     assert "Traceback" not in said.read_text()
+
+
+@pytest.mark.long
+def test_one_on_this_cell_takes_over_pauses_goes_on_and_gives_control_back(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    stack = Stack(tmp_path / "logs")
+    left = []
+    try:
+        plan = {"name": "tiny", "controllers": ["proposed"], "objects": ["rice_box"], "displacements_mm": "20 0 -20"}
+        stack.post("plans", **plan)
+        with stack.beating():
+            stack.post("take")
+            stack.post("arm")
+            campaign = stack.post("campaigns", name="tiny", on_cell=True, workers=1)
+            address = f"/api/campaigns/{campaign['id']}"
+            until(stack.client, address, lambda said: said["total"])
+        assert campaign["on_cell"]
+        until(stack.client, address, lambda said: said["stage"] == "trials" and said["done"] == 1)
+        assert stack.client.get("/api/status").json()["holder"] == "campaign tiny"
+        stack.post(f"campaigns/{campaign['id']}/pause")
+        said = until(stack.client, address, lambda said: said["says"])
+        assert said["paused"]
+        assert said["says"].startswith("paused by operator 1: press Go on")
+        stack.post(f"campaigns/{campaign['id']}/continue")
+        said = until(stack.client, address, lambda said: said["state"] == "finished")
+        assert (said["done"], said["paused"], said["says"]) == (3, False, "")
+        results = stack.client.get(f"{address}/results").json()
+        assert len(results["rows"]) == 3
+        assert all(results["logs"])
+        assert stack.client.get("/api/status").json()["holder"] is None
+    finally:
+        left = stack.end()
+    assert left == []
+
+
+def test_on_this_cell_only_who_has_armed_may_start_one_and_only_what_can_run_there(served):
+    with served.signed_in() as (client, headers):
+        answers = []
+        for name in ("aim-aware-grab", "reference-spreading"):
+            order = {"name": name, "quick": True, "on_cell": True}
+            answers.append(client.post("/api/campaigns", json=order, headers=headers))
+        assert [answer.status_code for answer in answers] == [409, 409]
+        assert answers[0].json()["error"] == "on_cell: aim-aware-grab runs in the simulator alone"
+        assert answers[1].json()["error"].startswith("take control and arm the arms first")
+        listed = client.get("/api/campaigns").json()
+        assert listed["campaigns"] == []
+        assert {plan["name"] for plan in listed["plans"] if plan["on_cell"]} >= {"reference-spreading"}
+        answer = client.post(f"/api/campaigns/{NO_CONTEXT}/continue", headers=headers)
+        assert answer.status_code == 404
 
 
 def test_it_is_no_way_to_disturb_who_has_the_robot(served):
@@ -184,7 +235,7 @@ def test_a_log_that_a_table_names_outside_of_its_folder_is_not_given_away(tmp_pa
 
 
 def test_names_are_those_of_the_runner():
-    assert (folder.DATABASE, folder.PROGRESS) == (store.DATABASE, progress.PROGRESS)
+    assert (folder.DATABASE, folder.PROGRESS, folder.PAUSE) == (store.DATABASE, progress.PROGRESS, stack_operator.PAUSE)
     assert (folder.PAGE, folder.FIGURES, folder.NUMBERS) == (page.PAGE, report.FIGURES, report.NUMBERS)
 
 

@@ -13,7 +13,23 @@ from rtstack.loop.end import End
 from rtstack.safety.judge import Cause
 
 JOB = Job(3, JobKind.TRIAL, JobState.RUNNING, "proposed", 0.5, 0.0)
-STATUS = Status("grab", True, ("box",), "box", None, None, Phase.DISARMED, None, "anna", 0.0, False, "fifo")
+STATUS = Status(
+    "grab",
+    "direct",
+    "grab.toml",
+    "logs",
+    True,
+    ("box",),
+    "box",
+    None,
+    None,
+    Phase.DISARMED,
+    None,
+    "anna",
+    0.0,
+    False,
+    "fifo",
+)
 
 
 def job(state, phase=Phase.MOVING, reason=None):

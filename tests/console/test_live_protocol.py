@@ -64,8 +64,9 @@ def test_a_request_comes_back_as_it_was(request_):
 def test_an_answer_comes_back_as_it_was():
     job = Job(3, JobKind.TRIAL, JobState.FAILED, "t", 0.25, 12.5, 'two\n"lines"', False, "a.mcap")
     status = Status(
-        "grab", True, ("parcel",), "parcel", job, None, Phase.FAULT, "left arm in reflex", "anna", 12.5, True, "fifo"
-    )
+        "grab", "direct", "/cells/grab.toml", "/logs", True, ("parcel",), "parcel", job, None, Phase.FAULT,
+        "left arm in reflex", "anna", 12.5, True, "fifo",
+    )  # fmt: skip
     for answer in (Answer(status=status), Answer(error="no")):
         assert decode_answer(encode(answer)) == answer
 

@@ -122,6 +122,15 @@ def test_what_cannot_run_on_arms_says_so_before_anything_is_made(plan, said, tmp
     assert not (tmp_path / "out").exists()
 
 
+def test_a_stack_that_does_not_run_is_one_line(tmp_path, command_line):
+    done = command_line(
+        "campaign", "reference-spreading-cell", "--out", str(tmp_path / "out"), "--cell", "stack:/no/robot.sock"
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("rtstack: the robot process does not answer")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_kind_runs_on_arms_that_says_how_and_reads_its_rows_back():
     whole = kind_named("reference-spreading")
     half = type("Half", (whole,), {"row_of_log": Experiment.row_of_log})  # would move the arms, and then have no row

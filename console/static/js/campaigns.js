@@ -27,14 +27,20 @@ function make(kind, className, text) {
   return element;
 }
 
-const nameOf = (campaign) => `${plain(campaign.name).replaceAll("-", " ")}${campaign.quick ? ", sample" : ""}`;
+const nameOf = (campaign) => `${plain(campaign.name).replaceAll("-", " ")}${campaign.quick ? ", sample" : ""}${campaign.on_cell ? ", on the arms" : ""}`;
+const WHERE = {
+  simulated: "Simulated arms alone, beside the robot process and at low priority. The console's end interrupts it; what it has stays.",
+  cell: "The arms of this cell move, one trial after the other, and set the object in its place between them. The campaign takes control over from you; STOP, Pause and taking over work at any time. Stay and watch.",
+};
 const share = (campaign) => (campaign.total ? campaign.done / campaign.total : 0);
 
 function progressLine(campaign) {
   if (campaign.state === "failed") return campaign.message || "it said nothing";
   const of = campaign.total === null ? "" : ` of ${campaign.total}`;
   const left = campaign.state === "running" && campaign.time_left_s !== null ? `, ${timeLeft(campaign.time_left_s)}` : "";
-  return `${campaign.stage}: ${campaign.done}${of}${left}`;
+  const next = campaign.state === "running" && campaign.next ? `, next: ${campaign.next}` : "";
+  const why = campaign.message ? `: ${campaign.message.replace(/^rtstack: /, "")}` : "";
+  return `${campaign.stage}: ${campaign.done}${of}${left}${next}${why}`;
 }
 
 class Page {
@@ -42,7 +48,7 @@ class Page {
     this.plans = [];
     this.campaigns = [];
     this.chosen = location.hash.slice(1);
-    this.shown = { cards: "", figures: "", claims: "", report: "" };
+    this.shown = { cards: "", figures: "", claims: "", report: "", says: "" };
     this.form = $("start");
     this.results = new Results($("results"), () => this.chosen);
     this.form.addEventListener("submit", (event) => this.start(event));
@@ -50,9 +56,11 @@ class Page {
       event.preventDefault();
       this.keepPlan(event.target);
     });
-    for (const name of ["name", "quick"]) this.form.elements[name].addEventListener("change", () => this.showPlan());
+    for (const name of ["name", "quick", "on"]) this.form.elements[name].addEventListener("change", () => this.showPlan());
     $("cancel-campaign").addEventListener("click", () => this.act(`${this.chosen}/cancel`));
     $("resume").addEventListener("click", () => this.act(`${this.chosen}/resume`, { nice: this.form.elements.nice.checked }));
+    $("pause").addEventListener("click", () => this.act(`${this.chosen}/pause`));
+    $("go-on").addEventListener("click", () => this.act(`${this.chosen}/continue`));
     live.onView((view) => {
       this.view = view;
       this.showWhy();
@@ -102,8 +110,8 @@ class Page {
 
   start(event) {
     event.preventDefault();
-    const { name, quick, nice, workers } = this.form.elements;
-    const order = { name: name.value, quick: quick.checked, nice: nice.checked };
+    const { name, quick, nice, workers, on } = this.form.elements;
+    const order = { name: name.value, quick: quick.checked, nice: nice.checked, on_cell: on.value === "cell" };
     if (workers.value) order.workers = workers.valueAsNumber;
     this.act("", order);
   }
@@ -120,26 +128,32 @@ class Page {
   showPlan() {
     const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
     const trials = this.form.elements.quick.checked ? plan.quick_trials : plan.trials;
+    write($("where"), WHERE[this.form.elements.on.value]);
+    this.form.elements.nice.closest("label").hidden = this.form.elements.on.value === "cell";
+    this.showWhy();
     if (plan.problem !== null) return write($("plan"), `It cannot be run: ${plan.problem}`);
     write($("plan"), trials === null ? plan.title : `${plan.title}: ${trials} trials`);
   }
 
   // Why none can be started now, in a line; null where one can. The server asks the same.
-  whyNot() {
+  whyNot(onCell) {
     if (this.plans.length === 0) return "the plans are being read";
-    const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
-    if (plan && plan.problem !== null) return "this plan cannot be run";
     if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait for its end, or cancel it";
     const { status, you } = this.view ?? {};
     if (!status) return "the robot process has not answered yet";
+    if (onCell) return status.holder === you && status.phase === "armed" ? null : "take control and arm the arms first: the campaign takes over from you";
     if (status.holder !== null && status.holder !== you) return `${status.holder} has control: ask them`;
     if (["armed", "moving"].includes(status.phase) && !this.form.elements.nice.checked) return `the arms are ${status.phase}: disarm them, or tick the box above`;
     return null;
   }
 
   showWhy() {
-    const why = this.whyNot();
-    showWhy(this.form, why);
+    const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
+    const onCell = this.form.elements.on.value === "cell";
+    if (plan && plan.problem !== null) showWhy(this.form, "this plan cannot be run");
+    else if (plan && onCell && !plan.on_cell) showWhy(this.form, "this plan runs in the simulator alone");
+    else showWhy(this.form, this.whyNot(onCell));
+    const why = this.whyNot(this.campaigns.some((campaign) => campaign.id === this.chosen && campaign.on_cell));
     $("resume").disabled = why !== null;
     $("resume").title = why ?? "Run what is missing";
   }
@@ -161,7 +175,7 @@ class Page {
   }
 
   showCards() {
-    const shown = JSON.stringify([this.chosen, this.campaigns.map((one) => [one.id, one.state, one.done, one.total, one.time_left_s])]);
+    const shown = JSON.stringify([this.chosen, this.campaigns.map((one) => [one.id, one.state, one.done, one.total, one.time_left_s, one.next])]);
     if (shown === this.shown.cards) return;
     this.shown.cards = shown;
     const focused = document.activeElement?.dataset?.id;
@@ -195,6 +209,10 @@ class Page {
     $("cancel-campaign").hidden = !BUSY.has(campaign.state);
     $("cancel-campaign").disabled = campaign.state === "ending";
     $("resume").hidden = campaign.state !== "interrupted";
+    const running = campaign.on_cell && campaign.state === "running";
+    $("pause").hidden = !running || campaign.paused;
+    $("go-on").hidden = !running || !campaign.paused;
+    this.showPrompt(campaign.state === "running" ? campaign.says : "");
     $("csv").href = `${address}/csv`;
     $("csv").hidden = campaign.done === 0;
     $("report").href = `${address}/report`;
@@ -203,6 +221,15 @@ class Page {
     this.showClaims(campaign);
     this.showReport(campaign, address);
     this.results.refresh(campaign.id, campaign.done);
+  }
+
+  // What a person at the arms is to do, large enough to be read from there, and spoken where that is wanted.
+  showPrompt(text) {
+    $("prompt").hidden = text === "";
+    if (text === this.shown.says) return;
+    this.shown.says = text;
+    write($("says"), text);
+    if (text && $("spoken").checked) speechSynthesis.speak(new SpeechSynthesisUtterance(text));
   }
 
   showFigures(campaign, address) {

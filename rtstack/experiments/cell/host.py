@@ -6,21 +6,20 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hal.cell import Cell
-from rtstack.trials.carry_out import Host, PreparedRun
+from rtstack.trials.carry_out import PreparedRun
 
 
-class CellHost(Host, Protocol):
-    """A host of runs whose cell stays open, and whose motion a person has allowed for all of them.
+class CellHost(Protocol):
+    """A host of a campaign's runs, whose motion a person has allowed for all of them.
 
-    record: the metadata record `campaign` of the next log; log_path: of the next log, None for none.
+    sets_object: opening the cell for a run puts the object in its place, so that no arm has to.
     """
 
-    record: Mapping[str, str] | None
-    log_path: Path | None
+    sets_object: bool
 
     @property
-    def stopped(self) -> bool:
-        """Whether the person has asked for a stop."""
+    def stopped(self) -> str:
+        """Why no further run may begin, "" where one may: a person has asked for a stop, or has taken over."""
         ...
 
     @property
@@ -33,9 +32,20 @@ class CellHost(Host, Protocol):
         ...
 
     def kept_cell(self, run: PreparedRun[Any]) -> AbstractContextManager[Cell]:
-        """Give the cell, open for all runs. Raises HardwareError, TrialError."""
+        """Give the cell to look at, its states and the tracker's poses. Raises HardwareError, TrialError."""
         ...
 
     def watched(self) -> AbstractContextManager[Any]:
         """Have a person, who watches, allow the motion of all runs. Raises TrialError."""
+        ...
+
+    def carry_out(self, run: PreparedRun[Any], log: Path, record: Mapping[str, str] = {}) -> Any:
+        """Carry out a run and return its result. record: what its log says of the campaign, empty for nothing.
+
+        Raises TrialError, LogError, HardwareError; then no arm has moved.
+        """
+        ...
+
+    def recover(self) -> None:
+        """Clear what the arms have latched. Raises TrialError where its cause persists or a person has to act."""
         ...

@@ -6,7 +6,6 @@ from typing import Any
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from hal.errors import HardwareError
 from rtstack.experiments.attempts import Kind, aborted
 from rtstack.experiments.experiment import CellRun
 from rtstack.model.cell_description import CellDescription
@@ -31,14 +30,6 @@ class Reset:
 
     def __init__(self, cell: Cell, carry: Carry, wait: Wait) -> None:
         self._cell, self._carry, self._wait = cell, carry, wait
-
-    def recover(self) -> None:
-        """Clear what the arms have latched. Raises TrialError where its cause persists or a person has to act."""
-        try:
-            for arm in self._cell.arms:
-                arm.recover()
-        except HardwareError as error:
-            raise TrialError(f"the arms do not recover: {error}") from None
 
     def go_to_start(self, planned: CellRun, case_id: str) -> None:
         """Have the arms of a cell that was just opened put down what they hold, and go to the start. Raises TrialError.

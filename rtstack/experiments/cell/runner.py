@@ -6,7 +6,7 @@ log is the truth: its row is read back from it, as after a program that was kill
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -23,9 +23,10 @@ from rtstack.experiments.runner import Runner
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
-from rtstack.trials.carry_out import PreparedRun, carry_out
+from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 
+RESETS = "resets"  # the folder of the logs of what brings arms and object to where a case begins
 LOOK_S = 0.2  # between two looks at a person's work, or whether a pause is over
 
 
@@ -53,7 +54,8 @@ class CellRunner(Runner):
             cell = self._held.enter_context(self.host.kept_cell(planned.run))
             self._held.enter_context(self.host.watched())
             self._reset, self._work_s = Reset(cell, self._carry_out, self._wait), time.monotonic()
-            self._reset.go_to_start(planned, name)
+            if not self.host.sets_object:
+                self._reset.go_to_start(planned, name)
         return self._reset
 
     def _prepare(self, stage: Stage) -> dict[str, str]:
@@ -93,6 +95,7 @@ class CellRunner(Runner):
             if control is not None and k % self._schedule.control_every == 0:
                 self._repeat(control, Kind.CONTROL)
             self._rest()
+            self._progress.say_next(order[k + 1].id if k + 1 < len(order) else "")
             self._case(case)
         if control is not None and order:
             self._repeat(control, Kind.CONTROL)
@@ -133,37 +136,43 @@ class CellRunner(Runner):
     def _once(self, planned: CellRun, name: str, kind: Kind, log: Path, control: Case | None = None) -> Any:
         """Run once, with the object in its place. name: of the case, or of the stage's task."""
         reset = self._reset_for(planned, name)
-        ready = False
-        while not ready:
+        while True:
             self._wait(lambda: self.host.paused, Kind.PERSON, name)
-            if self._latched:
-                self._latched = False
-                reset.recover()
+            recovered, self._latched = self._latched, False
+            if recovered:
+                self.host.recover()
+            if self.host.sets_object:
+                break
+            if recovered:
                 reset.go_to_start(planned, name)
             reset.set_in_place(planned, name)
-            ready = not self._latched  # by a placement
-        log.parent.mkdir(exist_ok=True)
-        self.host.log_path, self.host.record = log, planned.record
-        try:
-            return self._carry_out(planned.run, kind, name, control)
-        finally:
-            self.host.log_path = self.host.record = None
+            if not self._latched and not self.host.paused:  # by a placement, or by a person meanwhile
+                break
+        return self._carry_out(planned.run, kind, name, control, log, planned.record)
 
-    def _carry_out(self, run: PreparedRun[Any], kind: Kind, name: str, control: Case | None = None) -> Any:
-        """Carry out a run and note it. Raises what `carry_out` raises; then it is noted too."""
-        began, began_s, log = _now(), time.monotonic(), self.host.log_path
+    def _carry_out(
+        self, run: PreparedRun[Any], kind: Kind, name: str, control: Case | None = None, log: Path | None = None,
+        record: Mapping[str, str] = {},
+    ) -> Any:  # fmt: skip
+        """Carry out a run and note it. log: by default one beside the others. Raises what the host raises; then it is
+        noted too.
+        """
+        began, began_s = _now(), time.monotonic()
+        if log is None:
+            log = _unused(self._store.out / RESETS / f"{name.replace('/', '-')}.mcap", kind.replace(" ", "-"))
+        log.parent.mkdir(exist_ok=True)
         try:
-            result = carry_out(run, self.host)
+            result = self.host.carry_out(run, log, record)
         except Exception as error:
             self._store.note_attempt(Attempt(began, kind, name, str(error), False, time.monotonic() - began_s))
             raise
         values, reason = result.as_dict(), result.failure_reason
         counts = self._uncounted(reason, values.get("missed_deadlines", 0)) is None
-        row = self._experiment.row_of_log(control, log) if counts and control is not None and log is not None else None
+        row = self._experiment.row_of_log(control, log) if counts and control is not None else None
         self._store.note_attempt(Attempt(
             began, kind, name, reason, counts and kind is Kind.CASE, time.monotonic() - began_s,
             *(values.get(each) for each in ("off_mm", "off_deg", "peak_force_n")),
-            log=None if log is None else log.name, row=None if row is None else json.dumps(row),
+            log=log.name, row=None if row is None else json.dumps(row),
         ))  # fmt: skip
         self._latched = End.in_reason(reason) is End.HARDWARE
         if End.in_reason(reason).is_fault:
@@ -196,7 +205,7 @@ class CellRunner(Runner):
         began, began_s = _now(), time.monotonic()
         waited = False
         try:
-            while not self.host.stopped and (text := said()):
+            while not (stopped := self.host.stopped) and (text := said()):
                 waited = True
                 self._progress.tell(text)
                 time.sleep(LOOK_S)
@@ -204,8 +213,8 @@ class CellRunner(Runner):
             if waited:
                 self._progress.tell("")
                 self._store.note_attempt(Attempt(began, kind, case_id, None, False, time.monotonic() - began_s))
-        if self.host.stopped:
-            raise TrialError("stopped between two runs: go on with --resume")
+        if stopped:
+            raise TrialError(f"{stopped}: go on with --resume")
 
     def _adopt(self, cases: list[Case]) -> set[str]:
         """See Runner. The log of a case that was aborted, or is not complete, is put aside: it has no row."""

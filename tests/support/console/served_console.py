@@ -89,7 +89,7 @@ def serve_console(logs: Path, cell_file: Path = CELL) -> Iterator[ServedConsole]
         rings = stack.enter_context(Rings.create(capacity=1024))
         audit = AuditTrail(logs / FILE_NAME)
         stack.callback(audit.close)
-        job_manager = JobManager(live_source(cell_file), mailbox, audit)
+        job_manager = JobManager(live_source(cell_file), mailbox, audit, logs)
         job_manager.authority._arming._lease_s = LEASE_S
         service = Service(job_manager, folder / "robot.sock")
         stack.callback(service.close)

@@ -1,0 +1,200 @@
+"""A campaign as an operator of the stack that runs: it orders runs of the robot process, as a person at the page does.
+
+It takes control over from the person who has armed the arms, and never arms them after a STOP: that takes the person's
+*Go on*, which removes the file `pause.txt` from the campaign's folder.
+"""
+
+import json
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from hal.cell import Cell
+from rtstack.cells.kinds import SIMULATED
+from rtstack.cli.interrupt import Interrupt, interruptible
+from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
+from rtstack.live.protocol import Job, JobState, RunRequest, Status
+from rtstack.live.shown_cell import shown_cell
+from rtstack.live.source import described_as
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.safety.arming import Phase
+from rtstack.trials.carry_out import PreparedRun
+from rtstack.trials.errors import TrialError
+from rtstack.trials.result import DemonstrationResult, MoveResult, PlacementResult, Result, TrialResult
+from rtstack.trials.scoring import SuccessCriterion
+
+PAUSE = "pause.txt"  # in the campaign's folder: why it is paused
+DISARMED = "the arms were disarmed"
+_BEAT_S = 0.5  # between two signs of life: the lease is lost after 2 s
+_LOOK_S = 0.1
+_RESULTS: dict[str, type[Result]] = {
+    "trial": TrialResult,
+    "demonstration": DemonstrationResult,
+    "place": PlacementResult,
+    "move": MoveResult,
+}
+
+
+class StackOperator:
+    """See rtstack.experiments.cell.host.CellHost."""
+
+    def __init__(self, socket: Path, name: str, out: Path) -> None:
+        """socket: of the robot process; out: the campaign's folder. Raises TrialError, ConfigurationError."""
+        self._run, self._operator, self._out = socket.parent, f"campaign {Path(name).stem}"[:40], out
+        self._client, self._pulse = RobotClient(socket), RobotClient(socket)
+        with self._asking(), closing(RobotClient(socket)) as client:
+            status = client.status()
+        self.kind, self.cell_file = status.kind, Path(status.cell_file)
+        self._simulated, self._logs = status.simulated, Path(status.logs)
+        if not out.is_relative_to(self._logs):
+            raise TrialError(f"--out {out}: the stack writes all logs into {self._logs}; give a folder in it")
+        self._description = described_as(self.cell_file, self.kind)
+        self.sets_object = self.kind.partition(":")[0] in SIMULATED
+        self._lost = ""  # why control is lost
+        self._waited = False  # for a person to go on
+        self._stop: Interrupt | None = None
+
+    @property
+    def stopped(self) -> str:
+        """See CellHost."""
+        if self._stop is not None and self._stop.stop_requested:
+            return "stopped between two runs"
+        return self._lost
+
+    @property
+    def paused(self) -> str:
+        """See CellHost. After a STOP or a disarming a person has to go on, too; arms the arms once they have."""
+        try:
+            reason = self._pause.read_text(encoding="utf-8")
+        except OSError:
+            reason = ""
+        with self._asking():
+            disarmed = self._client.status().phase is Phase.DISARMED
+            if not reason and disarmed and self._waited:
+                self._client.arm(self._operator)
+            elif not reason and disarmed:
+                reason = DISARMED
+                self._write_pause(reason)
+        self._waited = bool(reason)
+        return f"{reason}: press Go on on the page Campaigns" if reason else ""
+
+    def look(self, reason: str) -> None:
+        """See CellHost. A person looks at real arms alone."""
+        if not self._simulated:
+            self._write_pause(reason)
+
+    @contextmanager
+    def kept_cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
+        """See CellHost."""
+        try:
+            cell, rings = shown_cell(self._run, self._description.name, self._description.sides)
+        except LogError as error:
+            raise TrialError(str(error)) from None
+        with closing(rings):
+            yield cell
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """See CellHost: take control over from the person who has armed, and give signs of life."""
+        done = threading.Event()
+        beats = threading.Thread(target=self._beat, args=(done,), daemon=True, name="signs of life")
+        with closing(self._client), closing(self._pulse), interruptible() as self._stop:
+            with self._asking():
+                status = self._client.status()
+                if status.holder is None or status.phase is not Phase.ARMED:
+                    raise TrialError(
+                        "take control and arm the arms on the page first: the campaign takes over from you"
+                    )
+                self._client.take(self._operator, over_from=status.holder)
+                self._client.arm(self._operator)
+                self._pause.unlink(missing_ok=True)
+            beats.start()
+            try:
+                yield
+            finally:
+                done.set()
+                beats.join()
+                if not self._lost:
+                    with suppress(RobotRefused, RobotUnreachable):  # it is lost by now
+                        self._client.release(self._operator)  # a motion that still runs stops
+
+    def carry_out(self, run: PreparedRun[Any], log: Path, record: Mapping[str, str] = {}) -> Any:
+        """See CellHost."""
+        if getattr(run, "criterion", None) not in (None, SuccessCriterion()):
+            raise TrialError("[success] of the plan is not the default: the stack knows no other; give --cell fci:")
+        name = str(log.relative_to(self._logs))
+        order = RunRequest(run.specification, self._operator, log=name, campaign=dict(record))
+        with self._asking():
+            self.recover()
+            job = self._end_of(self._client.start(order))
+        if not log.exists() or job.state is JobState.FAILED:
+            raise TrialError(job.reason or f"the {job.kind} has written no log")
+        return _result(log, _RESULTS[job.kind], job)
+
+    def recover(self) -> None:
+        """See CellHost."""
+        with self._asking():
+            if self._client.status().phase is Phase.FAULT:
+                self._client.recover(self._operator)
+                self._client.arm(self._operator)
+
+    def _end_of(self, status: Status) -> Job:
+        """Wait for the end of the job that was just ordered, and stop it where that is asked for."""
+        number, stopping = status.job.number if status.job is not None else 0, False
+        while status.job is not None and status.job.number == number and status.job.active:
+            if self.stopped and not stopping:
+                stopping = True
+                self._client.stop(self._operator)
+            time.sleep(_LOOK_S)
+            status = self._client.status()
+        if status.job is None or status.job.number != number:
+            raise TrialError("another run has begun since: look at the cell")
+        return status.job
+
+    def _beat(self, done: threading.Event) -> None:
+        while not done.wait(_BEAT_S):
+            try:
+                holder = self._pulse.beat(self._operator).holder
+            except RobotUnreachable as error:
+                self._lost = str(error)
+                return
+            if holder != self._operator:
+                self._lost = f"{holder or 'no operator'} has control now"
+                return
+
+    @property
+    def _pause(self) -> Path:
+        return self._out / PAUSE
+
+    def _write_pause(self, reason: str) -> None:
+        self._pause.write_text(reason, encoding="utf-8")
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """Make of what the robot process refuses what a campaign ends with."""
+        try:
+            yield
+        except (RobotRefused, RobotUnreachable) as error:
+            raise TrialError(str(error)) from None
+
+
+def _result(log: Path, kind: type[Result], job: Job) -> Result:
+    """Return the result in a log that a run has just written. Raises TrialError where it has none."""
+    try:
+        record = read_log(log).metadata.get("result", {})
+    except LogError as error:
+        raise TrialError(str(error)) from None
+    if not record:
+        raise TrialError(job.reason or f"{log.name} has no result")
+    return kind(**{name: _value(text) for name, text in record.items()})
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text  # words
