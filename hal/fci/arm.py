@@ -17,7 +17,7 @@ from hal.fci.cycle_times import CycleTimes
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.peeked_state import PeekedState, stamp_arrivals
 from hal.fci.setup import Tool, configure, tell_collisions
-from hal.fci.sockets import give_up_after, open_sockets, shut_down
+from hal.fci.sockets import give_up_after, numeric, open_sockets, shut_down
 from hal.limits import CollisionBehaviour
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
@@ -71,10 +71,10 @@ class FciArm:
             raise
 
     def _connect(self) -> None:
-        before = [open_sockets(kind) for kind in _KINDS]
+        before, peer = [open_sockets(kind) for kind in _KINDS], numeric(self.address)
         with vendor_errors(self.called), _own_schedule():
             self._robot = franka.Robot(self.address, self._config)
-        new = [open_sockets(kind) - known for kind, known in zip(_KINDS, before, strict=True)]
+        new = [open_sockets(kind, peer) - known for kind, known in zip(_KINDS, before, strict=True)]
         if [len(found) for found in new] != [1, 1]:
             raise HardwareError(f"{self.called}: not one socket for its states and one for requests, but {new}")
         # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests

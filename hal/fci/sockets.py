@@ -6,10 +6,11 @@ import socket
 import stat
 
 
-def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
-    """Return descriptor and inode of each internet socket of this kind (SOCK_DGRAM, SOCK_STREAM) of this process.
+def open_sockets(kind: socket.SocketKind, peer: str = "") -> set[tuple[int, int]]:
+    """Return descriptor and inode of each internet socket of this process of a kind (SOCK_DGRAM, SOCK_STREAM).
 
-    Other sockets open and close meanwhile: each client of the robot process has one.
+    peer: an address, to which a stream has to lead; then a datagram socket has to be bound and have no peer, as that of
+    libfranka. Other threads open and close sockets meanwhile: a scheduler's, and the robot process's for its clients.
     """
     found = set()
     for name in os.listdir("/proc/self/fd"):
@@ -18,9 +19,27 @@ def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
             if not stat.S_ISSOCK(status.st_mode):
                 continue
             with socket.socket(fileno=os.dup(int(name))) as sock:
-                if (sock.family, sock.type) == (socket.AF_INET, kind):
+                if (sock.family, sock.type) != (socket.AF_INET, kind):
+                    continue
+                bound = sock.getsockname()[1] != 0  # asked first: a socket that connects now is bound before
+                if not peer or (bound and _peer(sock) == (peer if kind is socket.SOCK_STREAM else "")):
                     found.add((int(name), status.st_ino))
     return found
+
+
+def numeric(address: str) -> str:
+    """Return a host's numeric address, "" where it has none."""
+    try:
+        return socket.gethostbyname(address)
+    except OSError:
+        return ""
+
+
+def _peer(sock: socket.socket) -> str:
+    try:
+        return sock.getpeername()[0]
+    except OSError:
+        return ""
 
 
 def give_up_after(descriptor: int, patience_s: float) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 from hal.cell import Cell
-from hal.errors import HardwareError
+from hal.errors import CommandRejected, HardwareError
 from rtstack.cells import load_description, open_cell, with_profile
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.hold_to_run import HoldToRun
@@ -87,6 +87,10 @@ class Terminal:
             self.warn(cell.warning)
         try:
             yield cell
+        except CommandRejected as error:
+            if cell.link is None or not error.errors:
+                raise
+            raise CommandRejected(f"{error}: rtstack recover-arms --cell {self.kind}", error.errors) from None
         finally:
             cell.close()
 

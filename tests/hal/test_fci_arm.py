@@ -1,8 +1,11 @@
 """The adapter against the real server, through the real client library."""
 
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -34,6 +37,31 @@ def answer_a_few(pair: FciPair, tau: np.ndarray) -> None:
     """What is wrong shows with the next state at the latest."""
     for _ in range(3):
         answer_both(pair, tau)
+
+
+def test_an_arm_is_connected_to_while_other_threads_open_connections_of_their_own():
+    """As the scheduler of a campaign's workers does."""
+    over = threading.Event()
+    kept: list[socket.socket] = []
+
+    def open_others(server: socket.socket) -> None:
+        while not over.is_set() and len(kept) < 200:
+            kept.append(socket.create_connection(server.getsockname()))
+            kept.append(other := socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            other.connect(server.getsockname())
+            time.sleep(1e-3)
+
+    with serve() as served, socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=open_others, args=(server,))
+        thread.start()
+        try:
+            for _ in range(3):
+                FciArm(served.left).close()
+        finally:
+            over.set()
+            thread.join()
+            for each in kept:
+                each.close()
 
 
 def test_the_first_state_is_the_one_of_the_plant_in_this_process(pair: FciPair):
