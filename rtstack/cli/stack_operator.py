@@ -26,6 +26,7 @@ from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import DemonstrationResult, MoveResult, PlacementResult, Result, TrialResult
 from rtstack.trials.scoring import SuccessCriterion
+from rtstack.trials.start_motion import REFUSED, WayRefused
 
 PAUSE = "pause.txt"  # in the campaign's folder: why it is paused
 DISARMED = "the arms were disarmed"
@@ -132,7 +133,8 @@ class StackOperator:
             self.recover()
             job = self._end_of(self._client.start(order))
         if not log.exists() or job.state is JobState.FAILED:
-            raise TrialError(job.reason or f"the {job.kind} has written no log")
+            reason = job.reason or f"the {job.kind} has written no log"
+            raise (WayRefused if reason.startswith(REFUSED) else TrialError)(reason)
         return _result(log, _RESULTS[job.kind], job)
 
     def recover(self) -> None:

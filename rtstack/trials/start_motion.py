@@ -22,6 +22,7 @@ from rtstack.model.rotation import log_so3
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 
+REFUSED = "on its way to the start pose"  # how a WayRefused begins
 LONGEST_LOOK_S = 1.0  # a camera has 20 pictures by then, and a clock of the tracker's own is known
 
 
@@ -50,6 +51,10 @@ CLEAR_OF_EACH_OTHER_M = 0.05
 LOOKS = 60  # along the way
 NEWTON_STEPS = 20
 _EXACT = 1e-8  # m and rad
+
+
+class WayRefused(TrialError):
+    """The straight way of the joints to the start leads too near to something; nothing has moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,8 +195,8 @@ def _near(a: Array, b: Array, clear_m: float) -> bool:
     return bool(np.all(a[0] < b[1] + clear_m) and np.all(b[0] < a[1] + clear_m))
 
 
-def _refusal(side: str, what: str) -> TrialError:
-    return TrialError(
-        f"on its way to the start pose the {side} pad would come too near to {what}: "
+def _refusal(side: str, what: str) -> WayRefused:
+    return WayRefused(
+        f"{REFUSED} the {side} pad would come too near to {what}: "
         "bring the arms clear of it by hand, or take the object away"
     )

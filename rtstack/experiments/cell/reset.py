@@ -14,11 +14,20 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.move import PreparedMove, holds
 from rtstack.trials.placement import NEAR_DEG, NEAR_MM, difference, object_stands, place, prepare_placement
 from rtstack.trials.specification import HandMotion, MoveSpecification, PlacementSpecification
+from rtstack.trials.start_motion import WayRefused
 
 ATTEMPTS = 3  # of the arms, before a person is asked
 STANDS_S = 1.0  # so long the object has to stand in its place, once a person has put it there
 Carry = Callable[[PreparedRun[Any], Kind, str], Any]
 Wait = Callable[[Callable[[], str], Kind, str], None]
+
+
+class ResetAborted(TrialError):
+    """A run that was to bring the arms or the object to where a case begins was aborted. reason: see `aborted`."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        super().__init__(f"{what}: {reason}")
+        self.reason = reason
 
 
 class Reset:
@@ -40,11 +49,12 @@ class Reset:
         self._put_down(description, name, case_id)
         start = PreparedMove(MoveSpecification(HandMotion.START, name), description)
         if reason := self._carry(start, Kind.START, case_id).failure_reason:
-            raise TrialError(f"the arms do not reach the start: {reason}")
+            raise ResetAborted("the arms do not reach the start", reason)
 
     def set_in_place(self, planned: CellRun, case_id: str) -> None:
         """Have the arms put down what they hold and carry the object to where the case wants it; ask a person where
-        they cannot. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile.
+        they cannot. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile,
+        WayRefused where the arms have to go to the start first.
         """
         description, name = planned.run.description, planned.run.specification.object
         self._put_down(description, name, case_id)
@@ -55,7 +65,7 @@ class Reset:
         if holds(self._cell, description):
             down = PreparedMove(MoveSpecification(HandMotion.PUT_DOWN, name), description)
             if reason := self._carry(down, Kind.PUT_DOWN, case_id).failure_reason:
-                raise TrialError(f"{name} could not be put down: {reason}")
+                raise ResetAborted(f"{name} could not be put down", reason)
 
     def _by_the_arms(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
         """Return whether the object stands in its place, after some placements where it did not before."""
@@ -65,10 +75,12 @@ class Reset:
                 return True
             prepared = prepare_placement(specification, description)
             result = place(prepared, ATTEMPTS, lambda attempt: self._carry(attempt, Kind.PLACEMENT, case_id))
+        except WayRefused:
+            raise
         except TrialError:  # it is not seen, has fallen, or is out of reach
             return False
         if aborted(result.failure_reason):
-            raise TrialError(f"placing {name} was aborted: {result.failure_reason}")
+            raise ResetAborted(f"placing {name} was aborted", result.failure_reason)
         return result.success
 
     def _by_a_person(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> None:

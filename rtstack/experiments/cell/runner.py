@@ -16,7 +16,7 @@ from typing import Any
 
 from rtstack.experiments.attempts import Attempt, Kind, aborted
 from rtstack.experiments.cell.host import CellHost
-from rtstack.experiments.cell.reset import Reset
+from rtstack.experiments.cell.reset import Reset, ResetAborted
 from rtstack.experiments.cell.schedule import control_case, ordered, schedule_of
 from rtstack.experiments.experiment import Case, CellRun, Stage
 from rtstack.experiments.runner import Runner
@@ -25,6 +25,7 @@ from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
+from rtstack.trials.start_motion import WayRefused
 
 RESETS = "resets"  # the folder of the logs of what brings arms and object to where a case begins
 LOOK_S = 0.2  # between two looks at a person's work, or whether a pause is over
@@ -40,6 +41,7 @@ class CellRunner(Runner):
         self._failures: list[str] = []  # of the cases in a row that have failed until now
         self._began_s = self._work_s = 0.0
         self._latched = False  # the arms may have latched an error in the last run
+        self._at_start = False  # the arms stand where a run or a placement of ours has left them
         self._held = ExitStack()
         self._reset: Reset | None = None
 
@@ -54,8 +56,6 @@ class CellRunner(Runner):
             cell = self._held.enter_context(self.host.kept_cell(planned.run))
             self._held.enter_context(self.host.watched())
             self._reset, self._work_s = Reset(cell, self._carry_out, self._wait), time.monotonic()
-            if not self.host.sets_object:
-                self._reset.go_to_start(planned, name)
         return self._reset
 
     def _prepare(self, stage: Stage) -> dict[str, str]:
@@ -109,8 +109,7 @@ class CellRunner(Runner):
             reason = self._uncounted(result.failure_reason, result.missed_deadlines)
             if self._adopt([case]):
                 break
-            # the arms stand in order, or are recovered before the next run
-            again = reason is None or End.in_reason(reason) in (End.TICK_OVERRUN, End.HARDWARE)
+            again = reason is None or _mends(reason)
             if not again or attempt >= self._schedule.attempts:
                 raise TrialError(f"{case.id} was aborted, and is run again: {reason or 'its log is not complete'}")
         self.tally.rows += 1
@@ -130,25 +129,38 @@ class CellRunner(Runner):
             result = self._once(planned, control.id, kind, _unused(planned.log, word), control)
             if not aborted(result.failure_reason):
                 return
-            if End.in_reason(result.failure_reason) is not End.HARDWARE or attempt >= self._schedule.attempts:
+            if not _mends(result.failure_reason) or attempt >= self._schedule.attempts:
                 raise TrialError(f"the {kind} was aborted: {result.failure_reason}")
 
     def _once(self, planned: CellRun, name: str, kind: Kind, log: Path, control: Case | None = None) -> Any:
         """Run once, with the object in its place. name: of the case, or of the stage's task."""
-        reset = self._reset_for(planned, name)
+        reset, attempt = self._reset_for(planned, name), 0
         while True:
+            attempt += 1
             self._wait(lambda: self.host.paused, Kind.PERSON, name)
-            recovered, self._latched = self._latched, False
-            if recovered:
+            if self._latched:
+                self._latched = False
                 self.host.recover()
-            if self.host.sets_object:
-                break
-            if recovered:
-                reset.go_to_start(planned, name)
-            reset.set_in_place(planned, name)
-            if not self._latched and not self.host.paused:  # by a placement, or by a person meanwhile
-                break
-        return self._carry_out(planned.run, kind, name, control, log, planned.record)
+            try:
+                if not self.host.sets_object:
+                    self._bring(reset, planned, name)
+                if not self._latched and not self.host.paused:  # by a placement, or by a person meanwhile
+                    return self._carry_out(planned.run, kind, name, control, log, planned.record)
+            except ResetAborted as error:
+                self._at_start = False
+                if not _mends(error.reason) or attempt >= self._schedule.attempts:
+                    raise
+            except WayRefused:  # nothing has moved
+                if self.host.sets_object or not self._at_start or attempt >= self._schedule.attempts:
+                    raise
+                self._at_start = False
+
+    def _bring(self, reset: Reset, planned: CellRun, name: str) -> None:
+        """Bring the object to its place, and before that the arms to the start where they may stand anywhere."""
+        if not self._at_start:
+            reset.go_to_start(planned, name)
+            self._at_start = True
+        reset.set_in_place(planned, name)
 
     def _carry_out(
         self, run: PreparedRun[Any], kind: Kind, name: str, control: Case | None = None, log: Path | None = None,
@@ -175,6 +187,7 @@ class CellRunner(Runner):
             log=log.name, row=None if row is None else json.dumps(row),
         ))  # fmt: skip
         self._latched = End.in_reason(reason) is End.HARDWARE
+        self._at_start &= not End.in_reason(reason).is_fault and not aborted(reason)
         if End.in_reason(reason).is_fault:
             self.host.look(f"{name}: {reason}")
         return result
@@ -237,6 +250,11 @@ class CellRunner(Runner):
         except LogError:
             return False
         return bool(result) and not self._uncounted(result.get("failure_reason"), int(result["missed_deadlines"]))
+
+
+def _mends(reason: str | None) -> bool:
+    """Return whether a run that was aborted so may run again: the arms stand in order, or are recovered before."""
+    return End.in_reason(reason) in (End.TICK_OVERRUN, End.HARDWARE)
 
 
 def _now() -> str:
