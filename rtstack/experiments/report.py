@@ -132,12 +132,14 @@ def write_report(
 
 def registered(experiment: "Experiment[Any, Any]", store: "Store") -> dict[str, Any]:
     """Return how the plan was fixed: commit; SHA-256 of its file now (digest) and when its first result was about to be
-    made (first_digest); whether it was changed since; and the plan's registration.
+    made (first_digest); whether it was changed since; what other versions it was run with; and the plan's registration.
     """
     about, now = store.about(), file_digest(experiment.request.file.path)
+    begun, *others = store.versions()
     first = about.get(PLAN_DIGEST, now)
     fixed: Registration = getattr(experiment.specification, "registration", None) or Registration()
     how = {"commit": about["plan_commit"], "digest": now, "first_digest": first, "changed": now != first}
+    how["versions"] = [begun.difference(other) for other in others]
     return how | asdict(fixed)
 
 

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import sqlite3
+import sys
 import typing
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
@@ -16,9 +17,10 @@ from hal.base.files import locked
 from rtstack.experiments.attempts import Attempt
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.experiments.registration import PLAN_DIGEST, file_digest
-from rtstack.experiments.version import present
+from rtstack.experiments.version import Version, present
 from rtstack.trials.errors import TrialError
 
+VERSION = "version"  # what a store calls it; "version 2" is the next one, of an invocation that resumed
 DATABASE = "campaign.sqlite"
 RESULTS = "results.csv"
 TIMES = "times.csv"
@@ -89,9 +91,15 @@ class Store:
         The plan's file counts as it is when the first result is about to be made.
         """
         values = _identity(experiment) | {"plan_commit": experiment.request.file.commit}
-        values |= {"title": experiment.specification.title, "version": json.dumps(asdict(present()))}
+        values |= {"title": experiment.specification.title}
         if experiment.request.logs is not None:
             values["logs"] = experiment.request.logs
+        known, mine = self.versions(), present()
+        if mine not in known:
+            values[VERSION if not known else f"{VERSION} {len(known) + 1}"] = json.dumps(asdict(mine))
+        if known and mine != known[0]:
+            what = known[0].difference(mine)
+            print(f"rtstack: warning: another version than the campaign was begun with: {what}", file=sys.stderr)
         with self._database as database:
             rows = list(values.items())
             database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
@@ -130,6 +138,11 @@ class Store:
     def about(self) -> dict[str, str]:
         """Return what `claim` noted."""
         return {row["name"]: row["value"] for row in self._database.execute("SELECT name, value FROM campaign")}
+
+    def versions(self) -> list[Version]:
+        """Return the versions that this campaign was run with, in order."""
+        noted = [json.loads(value) for name, value in self.about().items() if name.partition(" ")[0] == VERSION]
+        return [Version(tuple(map(tuple, each.pop("packages"))), **each) for each in noted]
 
     def add(self, *rows: Row) -> None:
         """Keep results, all of them or none. A second one of the same case replaces the first."""

@@ -1,11 +1,15 @@
 """Where a campaign's results are kept, and which folder may be whose."""
 
 import csv
+from types import SimpleNamespace
 
 import pytest
 
+from rtstack.experiments import store as store_module
+from rtstack.experiments import version
 from rtstack.experiments.experiment import Request
 from rtstack.experiments.plan_file import PlanFile
+from rtstack.experiments.report import registered
 from rtstack.experiments.store import OF_THE_HOST, RESULTS, TIMES, Store, check_folder
 from rtstack.trials.errors import TrialError
 from tests.support.counting import PLAN, CountingExperiment
@@ -78,3 +82,24 @@ def test_what_a_folder_may_be(tmp_path, counting):
     (tmp_path / "broken" / "campaign.sqlite").write_bytes(b"no database at all" * 100)
     with pytest.raises(TrialError, match="cannot be read"):
         check_folder(counting(tmp_path / "broken"), resume=True)
+
+
+def test_a_resume_with_another_version_or_another_plug_in_is_marked(tmp_path, counting, monkeypatch, capsys):
+    begun = counting(tmp_path / "out")
+    (tmp_path / "out").mkdir()
+    plug_in = tmp_path / "site" / "some_lab"
+    plug_in.mkdir(parents=True)
+    (plug_in / "__init__.py").write_text("GAIN = 1.0\n")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    offered = [SimpleNamespace(module="some_lab.law", dist=SimpleNamespace(name="some-lab", version="1.0"))]
+    monkeypatch.setattr(version, "entry_points", lambda group: offered)
+    monkeypatch.setattr(store_module, "present", version.present.__wrapped__)
+    for k, said in enumerate(["", "", "another version", "another version"]):
+        if k == 2:
+            (plug_in / "__init__.py").write_text("GAIN = 2.0\n")
+        with Store(tmp_path / "out", begun.columns) as store:
+            store.claim(begun)
+            found = registered(begun, store)["versions"]
+        assert said in capsys.readouterr().err
+        assert len(found) == (k >= 2)
+    assert found[0].startswith("other sources of rtstack or of a plug-in")
