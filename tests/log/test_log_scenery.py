@@ -78,7 +78,7 @@ def test_the_scene_has_solids_in_every_frame_and_says_them_again_each_second(wri
         assert all(entity.frame_locked and entity.frame_id == name for name, entity in entities.items())
         size = entities["object"].cubes[0].size
         assert (size.x, size.y, size.z) == written.cell.object_size_m
-        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_sizes_m[0][2]
+        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_size_m["left"][2]
         assert len(entities["left_link5"].cylinders) == 2
         assert len(entities["left_link5"].spheres) == 4
 
@@ -90,7 +90,7 @@ def test_an_arrow_is_the_force_of_its_pad(written: WrittenLog) -> None:
     for t_ns, update in updates:
         for side, entity in zip(SIDES, update.entities, strict=True):
             sample = written.columns[f"/{side}/arm"][t_ns // MS - 1]
-            T = written.cell.T_world_base(side)
+            T = written.cell.T_world_base[side]
             force = T[:3, :3] @ sample["O_F_ext_hat_K"][:3]
             assert entity.id == f"{side}_force"
             assert len(entity.arrows) == (np.linalg.norm(force) >= 1.0)
@@ -149,7 +149,7 @@ def test_a_box_is_one_voxel_and_a_link_is_filled_with_them(written: WrittenLog) 
     np.testing.assert_allclose(centres, np.zeros((1, 3)), atol=1e-12)
     assert volume == pytest.approx(np.prod(written.cell.object_size_m))
     centres, volume = filled("/shapes/right_pad", written.path)
-    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_sizes_m[0][2])], atol=1e-12)
+    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_size_m["left"][2])], atol=1e-12)
     # link3 is two capsules: every voxel lies in the URDF's solids, and what pinocchio's library finds inside is filled
     shapes = [s for s in shapes_of(cell_urdf(written.cell)) if s.link == "left_link3"]
     solids = []

@@ -84,17 +84,12 @@ def recover(
                 copy = _Copy(target)
                 _copy_all(source, copy, progress)
                 if not copy.counts:
-                    raise LogError(_nothing(path, copy.damaged))
+                    chunks = f", and {copy.damaged} chunks that cannot be read" if copy.damaged else ""
+                    raise LogError(f"{path} holds nothing to recover: no complete message{chunks}; nothing was written")
                 copy.finish({"source": path.name, "damaged_chunks": str(copy.damaged)})
         except OSError as error:
             raise LogError(f"cannot write {output}: {error.strerror}") from error
     return RecoverySummary(path, output, False, sum(copy.counts.values()), copy.end_ns, copy.damaged)
-
-
-def _nothing(path: Path, damaged: int) -> str:
-    """Say why a log's recovery would be empty."""
-    chunks = f", and {damaged} chunks that cannot be read" if damaged else ""
-    return f"{path} holds nothing to recover: no complete message{chunks}; nothing was written"
 
 
 def _copy_all(source: BinaryIO, copy: "_Copy", progress: Callable[[int, int], None] | None) -> None:

@@ -42,8 +42,8 @@ def cell_urdf(cell: CellFrames) -> str:
         SubElement(SubElement(robot, "material", name=name), "color", rgba=_numbers(colour))
     SubElement(robot, "link", name=WORLD)
     for side in cell.sides:
-        size = cell.pad_size(side)
-        _add_arm(robot, side, cell.T_world_base(side), cell.urdf(side))
+        size = cell.pad_size_m[side]
+        _add_arm(robot, side, cell.T_world_base[side], cell.urdf[side])
         pad = f"{side}_pad"
         # the frame is in the pad's outer face
         _add_box(robot, pad, size, "pad", (0.0, 0.0, -0.5 * size[2]))

@@ -96,7 +96,7 @@ class Forces:
             known = instants.known.get(side)
             if known is None:
                 continue
-            T = self._cell.T_world_base(side)
+            T = self._cell.T_world_base[side]
             face = known.records["O_T_EE"][:, :3, 3] @ T[:3, :3].T + T[:3, 3]
             force = known.records["O_F_ext_hat_K"][:, :3] @ T[:3, :3].T
             for row, p, F in zip(known.rows.tolist(), face, force, strict=True):
