@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.datasets.episode import Episode, Pictures
-from rtstack.datasets.frames import Feature, check_fps, frames_of, pictures_at, span_of
+from rtstack.datasets.frames import Feature, FrameFormat, frames_of, pictures_at, span_of
 from rtstack.log.errors import LogError
 from rtstack.topics import EVENT_TOPIC
 
@@ -24,15 +24,10 @@ _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 
 
-class LeRobot:
-    """A folder with data and meta. fps: frames in a second; ticks: with the 1 kHz samples."""
+class LeRobot(FrameFormat):
+    """A folder with data and meta: see FrameFormat."""
 
-    needs: tuple[str, ...] = ("pyarrow",)
-    alike = True
-
-    def __init__(self, fps: int = 50, ticks: bool = True) -> None:
-        check_fps(fps)
-        self.fps, self.ticks, self.settings = fps, ticks, f"lerobot-{fps}" + ("" if ticks else "-frames")
+    name, needs = "lerobot", ("pyarrow",)
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""
