@@ -80,7 +80,9 @@ class LeRobot(FrameFormat):
             for name, values in counted.items():
                 table = table.append_column(name, _column(values))
             chunk, file = files.write(table)
-            values = {name: _shown(table, name, each) for name, each in _features(said).items() if _counted(each)}
+            # of numbers of a frame and of pictures; not of the 1 kHz samples
+            values = {name: _shown(table, name, each) for name, each in _features(said).items()
+                      if len(each["shape"]) == 1 or each["dtype"] == "image"}  # fmt: skip
             shown.append(values)
             rows.append({
                 "episode_index": number, "tasks": [said["task"]], "length": length,
@@ -214,11 +216,6 @@ def _statistics(values: NDArray) -> dict[str, list[Any]]:
     reduced = {"min": found.min(axis=0), "max": found.max(axis=0), "mean": found.mean(axis=0), "std": found.std(axis=0)}
     reduced |= dict(zip(_QUANTILES, np.quantile(found, list(_QUANTILES.values()), axis=0), strict=True))
     return {name: each.tolist() for name, each in reduced.items()} | {"count": [len(values)]}
-
-
-def _counted(feature: Mapping[str, Any]) -> bool:
-    """Whether a feature has statistics: numbers of a frame and pictures; not the 1 kHz samples."""
-    return len(feature["shape"]) == 1 or feature["dtype"] == "image"
 
 
 def _shown(table: Any, name: str, feature: Mapping[str, Any]) -> NDArray:

@@ -30,7 +30,8 @@ class ControllerComparison(Experiment[Plan, Trial]):
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
 
-        plants = {each.plant for each in specification.conditions_in_use}
+        used = {name for each in specification.experiments for name in each.conditions}
+        plants = {specification.conditions[name].plant for name in used}
         if request.cell not in SIMULATED and len(plants) > 1:
             raise TrialError(
                 f"{specification.name} compares conditions that arms cannot be given, such as friction or profile: on "
