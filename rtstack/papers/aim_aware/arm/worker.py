@@ -63,7 +63,7 @@ def learned_at(run: ArmRun, case: Case) -> tuple[ArmRun, str]:
     return replace(at, tuned=replace(at.tuned, learned=learned)), failed
 
 
-def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
+def run_cases(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
     """Return a row for each case. stopped: reason if the robot or the safety judge ended the hit."""
     began_s = time.process_time()
     rows: list[Row] = []
