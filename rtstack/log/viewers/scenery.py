@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rtstack.log.viewers.cell_urdf import Shape, cell_urdf, shapes_of
 from rtstack.log.viewers.frames import CellFrames, FrameTree
 from rtstack.log.viewers.instants import InstantFinder
-from rtstack.log.viewers.shapes import Forces, Solids
+from rtstack.log.viewers.shapes import Solids, force_messages
 from rtstack.log.viewers.voxels import VOXELS, voxel_messages
 
 TRANSFORMS, SOLIDS, FORCES, FORCE_LINES = "/tf", "/scene", "/forces", "/forces/lines"
@@ -39,7 +39,7 @@ class Scenery:
         shapes = _shapes(cell)
         self._instants = InstantFinder()
         self._tree = FrameTree(cell)
-        self._solids, self._forces = Solids(shapes), Forces(cell)
+        self._cell, self._solids = cell, Solids(shapes)
         self._voxels = shapes  # until they were said
 
     def update(self, arms: dict[str, NDArray], poses: NDArray) -> Messages:
@@ -53,7 +53,7 @@ class Scenery:
         first_ns = int(instants.t_ns[0])
         voxels = voxel_messages(self._voxels, first_ns)
         self._voxels = []
-        arrows, lines = self._forces.messages(instants)
+        arrows, lines = force_messages(self._cell, instants)
         return {
             SOLIDS: self._solids.updates(instants),
             TRANSFORMS: self._tree.transforms(instants),
