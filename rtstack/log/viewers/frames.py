@@ -1,7 +1,7 @@
 """The /tf topic: frames of both arms, their pads, table and object, at 50 Hz of the robot's time.
 
 world -> left_base -> left_link0 -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on
-the right, world -> table, and world -> object: the links of rtstack.log.viewers.cell_urdf. A link is given relative to
+the right, world -> table, and world -> object: what rtstack.log.viewers.solids hang in. A link is given relative to
 the link before it: its joint's placement turned by the joint's angle, so that no forward kinematics is needed here.
 """
 
@@ -67,16 +67,18 @@ def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
         joints.append(
             JointPlacement(
                 child=child.attrib["link"],
-                position=_vector(place.get("xyz", "0 0 0")),
-                orientation_wxyz=from_rpy(_vector(place.get("rpy", "0 0 0"))),
-                axis=None if fixed or axis is None else _vector(axis.get("xyz", "1 0 0")),
+                position=np.array(triple(place.get("xyz", "0 0 0"))),
+                orientation_wxyz=from_rpy(np.array(triple(place.get("rpy", "0 0 0")))),
+                axis=None if fixed or axis is None else np.array(triple(axis.get("xyz", "1 0 0"))),
             )
         )
     return tuple(joints)
 
 
-def _vector(text: str) -> Array:
-    return np.array([float(word) for word in text.split()])
+def triple(text: str) -> tuple[float, float, float]:
+    """Return the three numbers of a URDF's attribute."""
+    x, y, z = map(float, text.split())
+    return x, y, z
 
 
 def from_rpy(rpy: Array) -> Array:

@@ -26,9 +26,9 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
-from rtstack.log.viewers.cell_urdf import Shape
 from rtstack.log.viewers.frames import WORLD, CellFrames, from_rpy
 from rtstack.log.viewers.instants import Instants, stamp
+from rtstack.log.viewers.solids import Shape
 
 SOLIDS_PERIOD_NS = 1_000_000_000
 M_PER_N = 0.004  # of an arrow: a squeeze of 30 N is 12 cm
