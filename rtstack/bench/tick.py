@@ -125,11 +125,6 @@ class _Pair:
         outputs = [arm.tick(s, p) for arm, s, p in zip(self.plain, states, setpoints, strict=True)]
         return time.perf_counter_ns() - began, [output.tau_desired for output in outputs]
 
-    def agree_on_the_past(self) -> None:
-        """Start the next tick of both implementations from the torque that was applied."""
-        for arm, plain in zip(self.arms, self.plain, strict=True):
-            plain.tau_previous = arm.sample["tau_applied"][0].copy()
-
 
 def bench_tick(description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0) -> dict[str, Any]:
     """Measure `ticks` ticks without an active limit, and as many with one in half of them.
@@ -150,7 +145,8 @@ def bench_tick(description: CellDescription, parameters: Parameters, ticks: int,
             states, setpoints = pair.pose(k, constrained and k % 2 == 1)
             compiled_ns, compiled, worst = pair.compiled()
             numpy_ns, plain = pair.numpy(states, setpoints)
-            pair.agree_on_the_past()
+            for arm, own in zip(pair.arms, pair.plain, strict=True):  # both go on from the torque that was applied
+                own.tau_previous = arm.sample["tau_applied"][0].copy()
             if k < WARM_UP:
                 continue
             times[constrained, "compiled"].append(compiled_ns)

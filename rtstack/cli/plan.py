@@ -120,12 +120,12 @@ def _planned(
 ) -> "tuple[PlannedMotion, list[str]]":
     """Return the motion, at the fastest speed that does where the default is too fast for it, and the line that says
     so. A speed that was asked for is never changed."""
-    from rtstack.planning import TooFast, grab_plan, plan_grab, plan_push, push_plan
+    from rtstack.planning import GrabPlan, PushPlan, TooFast, checked_plan, plan_grab, plan_push
 
     def planned(**values: Any) -> "PlannedMotion":
         if motion is Motion.GRAB:
-            return plan_grab(description, object_name, grab_plan(**values))
-        return plan_push(description, object_name, push_plan(**values))
+            return plan_grab(description, object_name, checked_plan(GrabPlan, **values))
+        return plan_push(description, object_name, checked_plan(PushPlan, **values))
 
     try:
         return planned(**given), []

@@ -31,10 +31,18 @@ class Feature:
     attributes: Mapping[str, str]
 
 
-def check_fps(fps: int) -> None:
-    """Raise LogError for frames a second that do not begin at ticks."""
-    if not 1 <= fps <= TICKS or TICKS % fps:
-        raise LogError(f"--fps {fps}: frames begin at ticks of 1 kHz, so that 1000 is a multiple of it, as of 50")
+class FrameFormat:
+    """A data set of frames. fps: frames in a second, which begin at ticks; ticks: with the 1 kHz samples. Raises
+    LogError."""
+
+    name: str
+    needs: tuple[str, ...]
+    alike = True
+
+    def __init__(self, fps: int = 50, ticks: bool = True) -> None:
+        if not 1 <= fps <= TICKS or TICKS % fps:
+            raise LogError(f"--fps {fps}: frames begin at ticks of 1 kHz, so that 1000 is a multiple of it, as of 50")
+        self.fps, self.ticks, self.settings = fps, ticks, f"{self.name}-{fps}" + ("" if ticks else "-frames")
 
 
 def pictures_at(episode: Episode, pictures: Pictures, count: int, fps: int) -> NDArray[np.intp]:
@@ -87,8 +95,11 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
         ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
         {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
     )
-    for name, feature in _ticks(at, episode.sides) if ticks else ():
-        found[name] = Feature(feature.values.reshape(frames, step, -1), feature.names, feature.attributes)
+    # every field of the topics of every tick: all arms' beside each other, left before right
+    for name, topics, field in tick_features(episode.sides) if ticks else ():
+        if all(topic in at for topic in topics):
+            feature = _of_arms(at, topics, field)
+            found[name] = Feature(feature.values.reshape(frames, step, -1), feature.names, feature.attributes)
     ended = np.arange(frames) == frames - 1
     for name, values in (("next.done", ended), ("next.success", ended & (episode.labels["success"] == "true"))):
         found[name] = Feature(values, (name,), {})
@@ -109,13 +120,6 @@ def tick_features(sides: Sequence[str] = SIDES) -> Iterator[tuple[str, tuple[str
             prefix = "observation" if topics == arms and field.name in _MEASURED else "control"
             prefix = topics[0][1:].replace("/", "_") if topics in others else prefix
             yield f"{prefix}.{field.name}_1khz", topics, field
-
-
-def _ticks(at: Mapping[str, NDArray], sides: Sequence[str]) -> Iterator[tuple[str, Feature]]:
-    """Yield every field of the topics of every tick: all arms' beside each other, left before right."""
-    for name, topics, field in tick_features(sides):
-        if all(topic in at for topic in topics):
-            yield name, _of_arms(at, topics, field)
 
 
 def _of_arms(at: Mapping[str, NDArray], topics: Sequence[str], field: Field) -> Feature:

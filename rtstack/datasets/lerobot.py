@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.datasets.episode import Episode, Pictures
-from rtstack.datasets.frames import Feature, check_fps, frames_of, pictures_at, span_of
+from rtstack.datasets.frames import Feature, FrameFormat, frames_of, pictures_at, span_of
 from rtstack.log.errors import LogError
 from rtstack.topics import EVENT_TOPIC
 
@@ -24,15 +24,10 @@ _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 
 
-class LeRobot:
-    """A folder with data and meta. fps: frames in a second; ticks: with the 1 kHz samples."""
+class LeRobot(FrameFormat):
+    """A folder with data and meta: see FrameFormat."""
 
-    needs: tuple[str, ...] = ("pyarrow",)
-    alike = True
-
-    def __init__(self, fps: int = 50, ticks: bool = True) -> None:
-        check_fps(fps)
-        self.fps, self.ticks, self.settings = fps, ticks, f"lerobot-{fps}" + ("" if ticks else "-frames")
+    name, needs = "lerobot", ("pyarrow",)
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""
@@ -85,7 +80,9 @@ class LeRobot:
             for name, values in counted.items():
                 table = table.append_column(name, _column(values))
             chunk, file = files.write(table)
-            values = {name: _shown(table, name, each) for name, each in _features(said).items() if _counted(each)}
+            # of numbers of a frame and of pictures; not of the 1 kHz samples
+            values = {name: _shown(table, name, each) for name, each in _features(said).items()
+                      if len(each["shape"]) == 1 or each["dtype"] == "image"}  # fmt: skip
             shown.append(values)
             rows.append({
                 "episode_index": number, "tasks": [said["task"]], "length": length,
@@ -219,11 +216,6 @@ def _statistics(values: NDArray) -> dict[str, list[Any]]:
     reduced = {"min": found.min(axis=0), "max": found.max(axis=0), "mean": found.mean(axis=0), "std": found.std(axis=0)}
     reduced |= dict(zip(_QUANTILES, np.quantile(found, list(_QUANTILES.values()), axis=0), strict=True))
     return {name: each.tolist() for name, each in reduced.items()} | {"count": [len(values)]}
-
-
-def _counted(feature: Mapping[str, Any]) -> bool:
-    """Whether a feature has statistics: numbers of a frame and pictures; not the 1 kHz samples."""
-    return len(feature["shape"]) == 1 or feature["dtype"] == "image"
 
 
 def _shown(table: Any, name: str, feature: Mapping[str, Any]) -> NDArray:

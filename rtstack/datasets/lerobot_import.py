@@ -17,7 +17,7 @@ from rtstack.datasets.frames import TICK_NS, tick_features
 from rtstack.datasets.lerobot import DATA, IMAGES, PICTURE_TIMES, VERSION, LeRobot, plain
 from rtstack.log.errors import LogError
 from rtstack.log.writing.job import Attachment
-from rtstack.log.writing.mcap_writer import BatchWriter, McapWriter
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.log.writing.pictures import camera_schemas, camera_topics, picture_message
 from rtstack.samples import SIDES
 from rtstack.topics import EVENT_TOPIC, OBJECT_TOPIC, TOPICS
@@ -47,12 +47,12 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
         raise _refusal(folder, error) from None
     try:
         with replacing(out) as partial, open(partial, "wb") as file:
-            mcap = McapWriter(file, {topic: each for name in cameras for topic, each in camera_schemas(name).items()})
-            mcap.begin(metadata.items(), attachments)
-            writer = BatchWriter(mcap, None)
+            schemas = {topic: each for name in cameras for topic, each in camera_schemas(name).items()}
+            writer = McapWriter(file, schemas)
+            writer.begin(metadata.items(), attachments)
             writer.write(records)
             if pictures:
-                mcap.write({}, pictures)
+                writer.write({}, pictures)
             writer.finish(source.get("result", {}), "imported", None, {})
     except OSError as error:
         raise LogError(f"cannot write {out}: {error.strerror}") from None

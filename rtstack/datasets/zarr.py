@@ -14,22 +14,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rtstack.datasets.episode import Episode, Pictures
-from rtstack.datasets.frames import check_fps, frames_of, pictures_at
+from rtstack.datasets.frames import FrameFormat, frames_of, pictures_at
 from rtstack.log.errors import LogError
 
 _CHUNK = 100  # frames, 2 s at 50 Hz: a learner reads some ten at a time
 _SAID = "said"
 
 
-class Zarr:
-    """A folder. fps: frames in a second; ticks: with the 1 kHz samples."""
+class Zarr(FrameFormat):
+    """A folder: see FrameFormat."""
 
-    needs: tuple[str, ...] = ("zarr",)
-    alike = True
-
-    def __init__(self, fps: int = 50, ticks: bool = True) -> None:
-        check_fps(fps)
-        self.fps, self.ticks, self.settings = fps, ticks, f"zarr-{fps}" + ("" if ticks else "-frames")
+    name, needs = "zarr", ("zarr",)
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""

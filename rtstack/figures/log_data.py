@@ -20,7 +20,10 @@ def figure_log(path: Path, wanted: Sequence[Signal]) -> FigureLog:
     """Read a log; of the signals those of arms that it has. Raises LogError with one line."""
     log = read_log(path)
     wanted = [signal for signal in wanted if signal.group not in SIDES or signal.group in log.sides]
-    records = {topic: _records(log, topic) for topic in dict.fromkeys(signal.topic for signal in wanted)}
+    records = {
+        topic: derived(log, topic) if topic in DERIVED_TOPICS else log.topic(topic)
+        for topic in dict.fromkeys(signal.topic for signal in wanted)
+    }
     return FigureLog(
         path.stem,
         tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted),
@@ -46,10 +49,6 @@ def arm_of(text: str) -> str:
     """Return which arm an impact's event names, an empty word for both."""
     named = [side for side in SIDES if re.search(rf"\b{side}\b", text)]
     return named[0] if len(named) == 1 else ""
-
-
-def _records(log: Log, topic: str) -> NDArray:
-    return derived(log, topic) if topic in DERIVED_TOPICS else log.topic(topic)
 
 
 def _trace(signal: Signal, records: NDArray, start_ns: int) -> Trace:

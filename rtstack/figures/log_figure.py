@@ -130,13 +130,19 @@ def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "
     figure, axes = new_figure(_WIDTH_IN, height, nrows=len(panes), sharex=True)
     for axis, pane in zip(axes[:, 0], panes, strict=True):
         for line in pane.lines:
-            near = _within(line.t_s, start_s, end_s)
+            first, last = np.searchsorted(line.t_s, [start_s, end_s])
+            near = slice(max(0, int(first) - 1), int(last) + 1)  # of the window, and one more on either side
             label = line.label if line.place == 0 else None
             axis.plot(line.t_s[near], line.values[near], color=line.colour, linestyle=line.style, label=label)
         axis.set_ylabel(fill(pane.label, _LABEL_LETTERS))
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=7, handlelength=1.6)
         axis.set_xlim(start_s, end_s)
-        _mark(axis, logs[0], start_s, end_s)
+        for span in logs[0].spans:
+            if span.end_s > start_s and span.start_s < end_s and span.mode is not Mode.IDLE:
+                mode_band(axis, max(span.start_s, start_s), min(span.end_s, end_s), span.mode)
+        for t_s, _ in logs[0].impacts:
+            if start_s <= t_s <= end_s:
+                axis.axvline(t_s, color=_FAINT, linestyle=":", linewidth=0.9)
     _say(axes[0, 0], logs[0], start_s, end_s)
     axes[-1, 0].set_xlabel("time, s")
     if len(logs) > 1:
@@ -146,22 +152,6 @@ def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "
     if title:
         figure.suptitle(title, fontsize=9, x=0.01, ha="left")
     return figure
-
-
-def _within(t_s: Array, start_s: float, end_s: float) -> slice:
-    """Return the samples of a window, and one more on either side."""
-    first, last = np.searchsorted(t_s, [start_s, end_s])
-    return slice(max(0, int(first) - 1), int(last) + 1)
-
-
-def _mark(axis: Axes, log: FigureLog, start_s: float, end_s: float) -> None:
-    """Put bands behind a pane, and a line where there was an impact."""
-    for span in log.spans:
-        if span.end_s > start_s and span.start_s < end_s and span.mode is not Mode.IDLE:
-            mode_band(axis, max(span.start_s, start_s), min(span.end_s, end_s), span.mode)
-    for t_s, _ in log.impacts:
-        if start_s <= t_s <= end_s:
-            axis.axvline(t_s, color=_FAINT, linestyle=":", linewidth=0.9)
 
 
 def _say(axis: Axes, log: FigureLog, start_s: float, end_s: float) -> None:

@@ -89,7 +89,10 @@ def twin(
     try:
         logs = {each: read_log(each) for each in (*paths, *unloaded, *held_out)}
         sides = description.sides
-        loaded, bare, judged = (_records([logs[each] for each in some], sides) for some in (paths, unloaded, held_out))
+        loaded, bare, judged = (
+            [tuple(_whole_ticks(logs[each], side) for side in sides) for each in some]
+            for some in (paths, unloaded, held_out)
+        )
         cycles = [[logs[each].topic(f"/{side}/cycle") for each in (*paths, *unloaded)] for side in sides]
     except LogError as error:
         raise TrialError(str(error)) from None
@@ -132,10 +135,6 @@ def link_lateness(logs: Sequence[NDArray]) -> Estimate:
     drawn = [np.quantile(np.concatenate([blocks[k] for k in choice]), LINK_SHARES) for choice in choices]
     low, high = np.quantile(drawn, (0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE)), axis=0)
     return Estimate(value, np.maximum(high - value, value - low))
-
-
-def _records(logs: Sequence[Log], sides: Sequence[str]) -> list[tuple[NDArray, ...]]:
-    return [tuple(_whole_ticks(log, side) for side in sides) for log in logs]
 
 
 def _samples(

@@ -7,14 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, StrictBool, TypeAdapter, ValidationError
+from pydantic import Field, StrictBool
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT
-from hal.base.files import write_whole
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import SUFFIX as ACCEPTANCE
-from rtstack.references.acceptance import AcceptanceError, AcceptanceState, load_acceptance
+from rtstack.references.acceptance import AcceptanceError, AcceptanceState, keep_beside, load_acceptance, load_beside
 
 SUFFIX = ".remarks.json"
 REVIEWED = ".reviewed.json"
@@ -34,44 +33,25 @@ class Remarks:
     note: Annotated[str, Field(max_length=2000)] = ""
 
 
-_REMARKS = TypeAdapter(Remarks)
-
-
 def load_remarks(log: Path) -> Remarks:
     """Return what was said about a log, nothing where there is no file. Raises LogError."""
-    path = log.with_name(log.name + SUFFIX)
-    try:
-        return _REMARKS.validate_json(path.read_bytes())
-    except FileNotFoundError:
-        return Remarks()
-    except (OSError, ValidationError) as error:
-        line = str(error).splitlines()[0]
-        raise LogError(f"{path}: {line}; remove the file to begin anew") from None
+    return load_beside(log.with_name(log.name + SUFFIX), Remarks, LogError)
 
 
 def save_remarks(log: Path, remarks: Remarks) -> None:
     """Keep what is said about a log: whole, or not at all. Nothing to say is no file. Raises LogError."""
-    path = log.with_name(log.name + SUFFIX)
     if not log.is_file():
         raise LogError(f"{log}: there is no such log")
-    try:
-        if remarks == Remarks():
-            path.unlink(missing_ok=True)
-        else:
-            write_whole(path, json.dumps(asdict(remarks), indent=1, ensure_ascii=False) + "\n")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written: {error.strerror}") from None
+    text = "" if remarks == Remarks() else json.dumps(asdict(remarks), indent=1, ensure_ascii=False)
+    keep_beside(log.with_name(log.name + SUFFIX), text, LogError)
 
 
 def mark_reviewed(log: Path, by: str) -> None:
     """Mark a log as reviewed. Raises LogError."""
     if not log.is_file():
         raise LogError(f"{log}: there is no such log")
-    path = log.with_name(log.name + REVIEWED)
-    try:
-        write_whole(path, json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")}) + "\n")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written: {error.strerror}") from None
+    text = json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")})
+    keep_beside(log.with_name(log.name + REVIEWED), text, LogError)
 
 
 def may_go(log: Path) -> bool:

@@ -60,16 +60,8 @@ class Range:
         return any(self.holds(value, self.number) for value in asked) if asked else None
 
 
-@dataclass(frozen=True, slots=True)
-class Filter:
-    """What is looked for: words, and ranges of numbers."""
-
-    words: tuple[str, ...]
-    ranges: tuple[Range, ...]
-
-
-def parsed(query: str) -> Filter:
-    """Return what a query asks for. Raises FilterRefused."""
+def parsed(query: str) -> tuple[list[str], list[Range]]:
+    """Return what a query asks for: words, and ranges of numbers. Raises FilterRefused."""
     words, ranges = [], []
     for word in query.lower().split():
         found = _RANGE.fullmatch(word)
@@ -83,7 +75,7 @@ def parsed(query: str) -> Filter:
         if not found["key"] or number != number:
             raise FilterRefused(f"q: {word}: a range is a name, a sign and a number without spaces, such as force>30")
         ranges.append(Range(word, found["key"], _SIGNS[found["sign"]], number))
-    return Filter(tuple(words), tuple(ranges))
+    return words, ranges
 
 
 class SortKey(StrEnum):
@@ -108,17 +100,15 @@ def search(
     pairs: Sequence[tuple[LogEntry, LogRow]], query: str, outcome: Outcome
 ) -> list[LogRow]:  # fmt: skip
     """Return the rows of the logs that are looked for. Raises FilterRefused, also for a number that no log has."""
-    asked = parsed(query)
+    words, ranges = parsed(query)
     known = [(row, _known(entry, row) if query.strip() else []) for entry, row in pairs]
-    numbers = [_numbers(values) for _, values in known] if asked.ranges else [[]] * len(known)
+    numbers = [_numbers(values) for _, values in known] if ranges else [[]] * len(known)
     rows = [
         row
         for (row, values), own in zip(known, numbers, strict=True)
-        if _came_out(row, outcome)
-        and _has_words(asked.words, values)
-        and all(each.matches(own) for each in asked.ranges)
+        if _came_out(row, outcome) and _has_words(words, values) and all(each.matches(own) for each in ranges)
     ]
-    for each in asked.ranges:
+    for each in ranges:
         if known and all(each.matches(own) is None for own in numbers):
             raise FilterRefused(
                 f"q: {each.word}: no log has a number {each.key}; try force, lift, shift, seed, size (MB)"
@@ -137,9 +127,11 @@ def _came_out(row: LogRow, outcome: Outcome) -> bool:
 
 
 def _has_words(words: Sequence[str], known: list[tuple[str, Any]]) -> bool:
+    """An underscore may be written as a space or as it is, all in lower case."""
     if not words:
         return True
-    texts = _texts(known)
+    texts = [(key, str(value).lower()) for key, value in known]
+    texts += [(key, text.replace("_", " ")) for key, text in texts if "_" in text]
     everything = "\n".join(text for _, text in texts)
     return all(_matches(word, texts, everything) for word in words)
 
@@ -159,12 +151,6 @@ def _known(entry: LogEntry, row: LogRow) -> list[tuple[str, Any]]:
         pairs += (record or {}).items()
         pairs += [inner for value in values_of(record).values() if isinstance(value, dict) for inner in value.items()]
     return [(key.lower(), value) for key, value in pairs if value is not None]
-
-
-def _texts(known: Sequence[tuple[str, Any]]) -> list[tuple[str, str]]:
-    """In lower case; an underscore may be written as a space or as it is."""
-    lowered = [(key, str(value).lower()) for key, value in known]
-    return [*lowered, *((key, text.replace("_", " ")) for key, text in lowered if "_" in text)]
 
 
 def _numbers(known: Sequence[tuple[str, Any]]) -> list[tuple[str, float]]:

@@ -2,9 +2,8 @@
 
 import math
 
-import numpy as np
-
 from hal.compilation import compiled
+from rtstack.safety.body import rotation_from_quaternion as rotation_from_quaternion
 
 
 @compiled
@@ -108,15 +107,3 @@ def quaternion_from_rotation(R, out):
     if out[0] < 0.0:
         for i in range(4):
             out[i] = -out[i]
-
-
-def rotation_from_quaternion(q: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) of a quaternion wxyz (4,), normalised first. Not for the tick."""
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

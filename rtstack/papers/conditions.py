@@ -1,6 +1,8 @@
 """Under what a simulated grab is run: contact, scatter, the demonstrating hand, the law's inertia, the robot."""
 
 from dataclasses import dataclass, replace
+from importlib.resources import as_file, files
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -103,3 +105,12 @@ class Reference:
     def file(self) -> str:
         """Name of its recording."""
         return f"{self.name.replace('/', '-')}.mcap"
+
+
+def files_of_plant(*names: str) -> list[Path]:
+    """Return the paths of files of sim_robot."""
+    paths = []
+    for name in names:
+        with as_file(files("sim_robot") / name) as path:
+            paths.append(path)
+    return paths

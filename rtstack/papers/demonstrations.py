@@ -12,18 +12,20 @@ from rtstack.experiments.archive import Archive
 from rtstack.experiments.experiment import CellRun, Stage, Task
 from rtstack.experiments.seeds import seed_of
 from rtstack.log.writing.job import Attachment
+from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.conditions import Conditions, Reference
 from rtstack.papers.simulated_cell import BuiltCell, WorkerHost, conditioned_cell
 from rtstack.references.demonstration import Grab, grab
 from rtstack.safety.limits import HARDWARE
+from rtstack.samples import LawInertia
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.carry_out import PreparedRun, carry_out
+from rtstack.trials.carry_out import PreparedRun, R, carry_out
 from rtstack.trials.demonstration import prepare_demonstration
-from rtstack.trials.record import cell_attachments, whole_run_log
+from rtstack.trials.record import RunSamples, WholeRunLog, cell_attachments, whole_run_log
 from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.scoring import SuccessCriterion
-from rtstack.trials.specification import DemonstrationSpecification
+from rtstack.trials.specification import DemonstrationSpecification, Specification
 
 RECORDINGS = "references"
 LOGS = "logs"
@@ -34,20 +36,54 @@ LOGS = "logs"
 _AS_AN_IMPACT = {name: getattr(HARDWARE, name) for name in ("tau_ext_contact_max", "force_contact_max")}
 
 
-@dataclass(frozen=True, slots=True)
-class Bench:
-    """What all trials of a campaign have in common, as it is sent to the workers.
+@lru_cache(maxsize=4)
+def _described(cell_file: Path) -> tuple[CellDescription, list[Attachment]]:
+    """Return the description in a cell's file, and what every log of a campaign has attached."""
+    description = load_cell_description(cell_file)
+    return description, cell_attachments(cell_file, description)
 
-    Paths are absolute: workers on other machines need the same folders. cell: its kind. elsewhere: where recordings and
-    logs are, if not in `out`: an address that fsspec knows. digest: the campaign's, for the logs. lab_file: a cell_file
-    with objects of its own.
+
+@dataclass(frozen=True, slots=True)
+class CampaignBench:
+    """What all runs of a campaign have in common, as it is sent to the workers.
+
+    Paths are absolute: workers on other machines need the same folders. cell: its kind. digest: the campaign's, for the
+    logs.
     """
 
     out: Path
     cell: str
     cell_file: Path
-    criterion: SuccessCriterion
     digest: str
+
+    @property
+    def description(self) -> CellDescription:
+        """The cell, read once in a process."""
+        return _described(self.cell_file)[0]
+
+    def log(
+        self, path: Path, specification: Specification, law_inertia: LawInertia, kind: str | None = None, **more: Any
+    ) -> WholeRunLog:
+        """Return the log of a run. kind: of the cell, if not its own; more: see whole_run_log."""
+        description, attachments = _described(self.cell_file)
+        kind = kind or self.cell
+        return whole_run_log(path, specification, description, attachments, kind, law_inertia=law_inertia, **more)
+
+    def run(self, prepared: PreparedRun[R], built: BuiltCell, log: RunSamples) -> tuple[R, Columns]:
+        """Carry out a run that has to be logged. Returns its result and samples. Raises OSError without a log."""
+        result = carry_out(prepared, WorkerHost(built, self.cell, log))
+        if log.columns is None or not log.path.exists():
+            raise OSError(result.failure_reason)
+        return result, log.columns
+
+
+@dataclass(frozen=True, slots=True)
+class Bench(CampaignBench):
+    """What trials under conditions have in common, too. elsewhere: where recordings and logs are, if not in `out`: an
+    address that fsspec knows. lab_file: a cell_file with objects of its own.
+    """
+
+    criterion: SuccessCriterion
     elsewhere: str | None = None
     lab_file: Path | None = None
 
@@ -59,23 +95,6 @@ class Bench:
     def built_cell(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> BuiltCell:
         """Return the simulated cell of a trial."""
         return conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.lab_file)
-
-    @property
-    def description(self) -> CellDescription:
-        """The cell, read once in a process."""
-        return described_cell(self.cell_file)
-
-
-@lru_cache(maxsize=4)
-def described_cell(cell_file: Path) -> CellDescription:
-    """Return the description in a cell's file, read once in a process."""
-    return load_cell_description(cell_file)
-
-
-@lru_cache(maxsize=1)
-def common_attachments(cell_file: Path) -> list[Attachment]:
-    """Return what every log of a campaign has attached."""
-    return cell_attachments(cell_file, described_cell(cell_file))
 
 
 def campaign_record(case: Any, digest: str) -> dict[str, str]:
@@ -99,20 +118,11 @@ def _demonstration(
 def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
     """Record a demonstration. Returns None, or in one line why there is none."""
     prepared = _demonstration(bench, reference, conditions, seed)
-    description = prepared.description
-    kind, law = with_profile(bench.cell, conditions.profile), description.gains.law_inertia
+    kind, law = with_profile(bench.cell, conditions.profile), bench.description.gains.law_inertia
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
-        log = whole_run_log(
-            path, prepared.specification, description, common_attachments(bench.cell_file), kind, law_inertia=law
-        )
+        log = bench.log(path, prepared.specification, law, kind)
         built = bench.built_cell(reference.object, Displacement(), seed, conditions)
         return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
-
-
-def record_on_arms(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> CellRun:
-    """Return a demonstration as a run on a cell's arms."""
-    prepared = _demonstration(bench, reference, conditions, seed)
-    return CellRun(prepared, bench.out / RECORDINGS / reference.file, {"digest": bench.digest}, Displacement())
 
 
 def hand_script(bench: Bench, reference: Reference, conditions: Conditions) -> Grab | None:
@@ -140,7 +150,12 @@ def recording_stages(
     tasks = [Task(f"reference-{one.name}", record, each) for one, each in zip(missing, arguments, strict=True)]
 
     def on_arms() -> dict[str, CellRun]:
-        return {task.name: record_on_arms(*each) for task, each in zip(tasks, arguments, strict=True)}
+        return {
+            task.name: CellRun(
+                _demonstration(*each), bench.out / RECORDINGS / one.file, {"digest": bench.digest}, Displacement()
+            )
+            for one, task, each in zip(missing, tasks, arguments, strict=True)
+        }
 
     failed = yield Stage("references", tasks, on_arms)
     unrecorded = {one.name: failed[task.name] for one, task in zip(missing, tasks, strict=True) if task.name in failed}

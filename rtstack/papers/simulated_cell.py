@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,7 +18,7 @@ from rtstack.cells.simulated import served_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.experiments.experiment import DIRECT
 from rtstack.model.cell_description import CellDescription
-from rtstack.papers.conditions import Conditions
+from rtstack.papers.conditions import Conditions, files_of_plant
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
@@ -147,13 +146,9 @@ def plant_files(conditions: Iterable[Conditions] = ()) -> list[Path]:
     profiles = sorted({each.profile for each in conditions} - {IDEAL})
     for profile in profiles:
         load_profile(profile)
-    paths = [Path(profile) for profile in profiles if profile.endswith(".toml")]
-    wanted = [("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")]
-    wanted += [("sim_robot.parameters", f"profiles/{each}.toml") for each in profiles if not each.endswith(".toml")]
-    for package, name in wanted:
-        with as_file(files(package) / name) as path:
-            paths.append(path)
-    return paths
+    wanted = [f"parameters/profiles/{each}.toml" for each in profiles if not each.endswith(".toml")]
+    own = [Path(profile) for profile in profiles if profile.endswith(".toml")]
+    return own + files_of_plant("scenes/grab.toml", "parameters/plant.toml", *wanted)
 
 
 @lru_cache(maxsize=1)

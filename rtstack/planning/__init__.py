@@ -9,7 +9,7 @@ planned.map.twist("left")       # the pad's predicted velocity after the impact
 from rtstack.planning.grab import plan_grab
 from rtstack.planning.planned import PlannedMotion
 from rtstack.planning.push import plan_push
-from rtstack.planning.request import GrabPlan, PlanError, PushPlan, TooFast, grab_plan, push_plan
+from rtstack.planning.request import GrabPlan, PlanError, PushPlan, TooFast, checked_plan
 
 __all__ = [
     "GrabPlan",
@@ -17,8 +17,7 @@ __all__ = [
     "PlannedMotion",
     "PushPlan",
     "TooFast",
-    "grab_plan",
+    "checked_plan",
     "plan_grab",
     "plan_push",
-    "push_plan",
 ]

@@ -4,7 +4,6 @@ The margins are what feedback and the impact's vibrations need beside the plan.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,8 @@ from rtstack.safety.body import arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
 from rtstack.safety.limits import HARDWARE, SafetyLimits, hardware_limits
 from rtstack.safety.records import StopProfile, empty_memory, rules
+from rtstack.trials.errors import TrialError
+from rtstack.trials.object import check_object
 
 GRAVITY = 9.81
 
@@ -39,11 +40,10 @@ LOOK_TICKS = 10
 
 def object_named(description: CellDescription, name: str) -> ObjectDescription:
     """Return the cell's object. Raises PlanError for an unknown one."""
-    if name not in description.objects:
-        raise PlanError(
-            f"unknown object {name!r}: the cell {description.name} has {', '.join(description.objects)}; define "
-            f"another one as [objects.{name}] in the cell's file (--cell-file)"
-        )
+    try:
+        check_object(name, description)
+    except TrialError as error:
+        raise PlanError(str(error)) from None
     return description.objects[name]
 
 
@@ -181,24 +181,15 @@ def _check_pad(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits
 
 def _check_distances(planned: PlannedMotion, description: CellDescription) -> None:
     period_s = planned.recording.period_s
-    for near in near_misses(description, [motion.q for motion in planned.joints], planned.recording.points):
-        if near.side:
-            raise PlanError(
-                f"{near.side} arm: it would touch the table at {near.tick * period_s:.2f} s: plan a greater height"
-            )
-        raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {near.tick * period_s:.2f} s")
+    for tick, side in near_misses(description, [motion.q for motion in planned.joints], planned.recording.points):
+        if side:
+            raise PlanError(f"{side} arm: it would touch the table at {tick * period_s:.2f} s: plan a greater height")
+        raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {tick * period_s:.2f} s")
 
 
-@dataclass(frozen=True, slots=True)
-class NearMiss:
-    """Something comes too near at a tick: this side's arm to the table, two arms to each other where side is empty."""
-
-    tick: int
-    side: str
-
-
-def near_misses(description: CellDescription, q: Sequence[Array], points: NDArray) -> Iterator[NearMiss]:
-    """Look at the judge's capsules and at the pads' boxes every LOOK_TICKS of a path.
+def near_misses(description: CellDescription, q: Sequence[Array], points: NDArray) -> Iterator[tuple[int, str]]:
+    """Look at the judge's capsules and at the pads' boxes every LOOK_TICKS of a path. Yields the ticks at which
+    something comes too near, with the side of the arm that does to the table, "" for two arms to each other.
 
     q: (n, 7) rad of each arm; points (arms, n): position and rotation of the pads at the same ticks. An arm alone is
     compared with the table only.
@@ -222,6 +213,6 @@ def near_misses(description: CellDescription, q: Sequence[Array], points: NDArra
             above = np.all((ends[:, :, :2] > low) & (ends[:, :, :2] < high), axis=2)
             links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][links_only, None], np.inf)
             if min(float(lowest), float(links.min())) < table.top_z + CLEARANCE_M:
-                yield NearMiss(tick, side)
+                yield tick, side
         if len(bodies) == 2 and arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:
-            yield NearMiss(tick, "")
+            yield tick, ""

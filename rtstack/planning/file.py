@@ -16,8 +16,8 @@ from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.planned import MONITOR, PLAN
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
-from rtstack.topics import ARM_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE, Level, Mode
+from rtstack.topics import EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC
 from rtstack.trials.provenance import git_commit, package_versions
 from rtstack.trials.record import cell_attachments, frames
 
@@ -35,18 +35,14 @@ def write_plan(
         "kind": "plan", "object": planned.recording.object, "versions": json.dumps(package_versions()),
         "git_commit": git_commit(),
     }  # fmt: skip
-    batches = _records(planned)
-    none = np.zeros(0, ARM_SAMPLE)
-    scenery = Scenery(frames(description, planned.recording.object))
-    arms = {side: batches.get(topic, none) for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
     attachments = cell_attachments(cell_file, description)
     if tuning is not None:
         attachments.append(Attachment(MONITOR, "application/toml", tuning.encode()))
     try:
         with replacing(path) as partial, open(partial, "wb") as file:
-            writer = McapWriter(file)
+            writer = McapWriter(file, scenery=Scenery(frames(description, planned.recording.object)))
             writer.begin([("trial", trial), (PLAN, values)], attachments)
-            writer.write(batches, scenery.update(arms, batches[OBJECT_TOPIC]))
+            writer.write(_records(planned))
             writer.close()
     except OSError as error:
         raise LogError(f"cannot write {path}: {error.strerror or error}") from None

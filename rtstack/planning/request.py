@@ -95,19 +95,11 @@ class PushPlan:
 
 
 Plan = TypeVar("Plan", GrabPlan, PushPlan)
+AnyPlan = TypeVar("AnyPlan", bound=GrabPlan | PushPlan)
 
 
-def grab_plan(**values: Any) -> GrabPlan:
-    """Return a GrabPlan of these values. Raises PlanError with the first one out of range."""
-    return _checked(GrabPlan, values)
-
-
-def push_plan(**values: Any) -> PushPlan:
-    """Return a PushPlan of these values. Raises PlanError with the first one out of range."""
-    return _checked(PushPlan, values)
-
-
-def _checked(kind: type[Plan], values: dict[str, Any]) -> Plan:
+def checked_plan(kind: type[AnyPlan], **values: Any) -> AnyPlan:
+    """Return a plan of these values. Raises PlanError with the first one out of range."""
     try:
         return kind(**values)
     except ValidationError as error:

@@ -96,14 +96,13 @@ SHORTEST_S, LONGEST_S = 0.5, 120.0  # the second: 200 MB of points, a minute of 
 class LoggedMotion:
     """What was played: joints of each arm over duration_s, with two derivatives.
 
-    object: what the log says was there. deviation_rad: largest distance of a measured joint from the curve.
+    object: what the log says was there.
     """
 
     path: Path
     object: str
     duration_s: float
     curves: tuple[BSpline, ...]
-    deviation_rad: float
 
     def joints(self, side: int, t_s: NDArray[np.floating], derivative: int = 0) -> Array:
         """Return the joints (n, 7) of an arm, rad, or their first or second derivative, at times since the start."""
@@ -128,9 +127,8 @@ def load_motion(path: Path, sides: Sequence[str] = SIDES) -> LoggedMotion:
             f"{path}: its motion lasts {duration_s:.1f} s; what is played on the arms has {SHORTEST_S:g} to "
             f"{LONGEST_S:g} s"
         )
-    fitted = [_fit(path, records, first_ns, last_ns) for records in samples]
-    name = log.metadata.get("trial", {}).get("object", "")
-    return LoggedMotion(path, name, duration_s, tuple(curve for curve, _ in fitted), max(far for _, far in fitted))
+    curves = tuple(_fit(path, records, first_ns, last_ns) for records in samples)
+    return LoggedMotion(path, log.metadata.get("trial", {}).get("object", ""), duration_s, curves)
 
 
 def _end_ns(log: Log, side: str, records: NDArray) -> int:
@@ -140,7 +138,7 @@ def _end_ns(log: Log, side: str, records: NDArray) -> int:
     return int(min(records["t_ns"][-1], stopping[0] if len(stopping) else records["t_ns"][-1]))
 
 
-def _fit(path: Path, records: NDArray, first_ns: int, last_ns: int) -> tuple[BSpline, float]:
+def _fit(path: Path, records: NDArray, first_ns: int, last_ns: int) -> BSpline:
     within = records[(records["t_ns"] >= first_ns) & (records["t_ns"] <= last_ns)]
     t_ns, kept = np.unique(within["t_ns"], return_index=True)
     gap_ns = int(np.max(np.diff(t_ns), initial=0))
@@ -152,8 +150,7 @@ def _fit(path: Path, records: NDArray, first_ns: int, last_ns: int) -> tuple[BSp
     t_s = (t_ns - first_ns) * 1e-9
     inner = np.linspace(t_s[0], t_s[-1], max(2, round(t_s[-1] / KNOT_S) + 1))
     knots = np.concatenate([np.full(DEGREE, inner[0]), inner, np.full(DEGREE, inner[-1])])
-    curve = make_lsq_spline(t_s, q, knots, DEGREE)
-    return curve, float(np.abs(curve(t_s) - q).max())
+    return make_lsq_spline(t_s, q, knots, DEGREE)
 
 
 STEP_S = 1e-3  # of the log's time, between two stations

@@ -117,7 +117,7 @@ class LoggedRun:
         kept = RunSamples(self.log.path)
         with TemporaryDirectory() as name:
             folder = Path(name)
-            description = _with_law_of(self.log, _description(self.log, folder))
+            description = _description(self.log, folder)
             context = RunContext(kept, stop=LoggedStop(self.columns) if outside else None)
             cell = opened(folder, description)
             try:
@@ -173,20 +173,17 @@ def _difference(side: str, name: str, logged: NDArray, replayed: NDArray) -> Dif
 
 
 def _description(log: Log, folder: Path) -> CellDescription:
-    """Return the cell's description that is attached to the log. Raises TrialError."""
+    """Return the cell's description that is attached to the log, with the law that the log names; one without a name
+    was made with M + B_theta. Raises TrialError."""
     attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
     if attached is None:
         raise TrialError(f"{log.path}: no description of its cell is attached")
     path = folder / "cell.toml"
     path.write_bytes(attached)
     try:
-        return load_cell_description(path).only(log.sides)
+        description = load_cell_description(path).only(log.sides)
     except (ConfigurationError, ValueError) as error:
         raise TrialError(f"{log.path}: its cell's description: {error}") from None
-
-
-def _with_law_of(log: Log, description: CellDescription) -> CellDescription:
-    """Return the description with the law that the log names; one without a name was made with M + B_theta."""
     name = log.metadata["trial"].get("law_inertia", LawInertia.LINKS_AND_MOTORS)
     try:
         return replace(description, gains=replace(description.gains, law_inertia=LawInertia(name)))
@@ -204,12 +201,6 @@ def _trial(
     run_trial(replace(prepare_trial(specification, description), specification=specification), cell, context)
 
 
-def _demonstration(
-    log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
-) -> None:  # fmt: skip
-    run_demonstration(replace(asked, law_inertia=None), description, cell, context)
-
-
 def _by_hand(
     log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
 ) -> None:  # fmt: skip
@@ -222,8 +213,10 @@ def _by_hand(
         run.close({})
 
 
-RUNS: dict[str, Callable[[Log, Any, CellDescription, Cell, RunContext, Path], None]] = {
-    "trial": _trial, "demonstration": _demonstration, "teleoperation": _by_hand, "recording": _by_hand,
+RUNS: dict[str, Callable[[Log, Any, CellDescription, Cell, RunContext, Path], object]] = {
+    "trial": _trial, "teleoperation": _by_hand, "recording": _by_hand,
+    "demonstration": lambda log, asked, description, cell, context, folder: run_demonstration(
+        replace(asked, law_inertia=None), description, cell, context),
 }  # fmt: skip
 
 
@@ -289,7 +282,8 @@ def _opened(run: LoggedRun, kind: str) -> Callable[[Path, CellDescription], Any]
 
 def _contact(side: str, logged: NDArray, twin: NDArray) -> Contact:
     n = min(len(logged), len(twin))
-    ours, its = (_force(samples)[:n] for samples in (logged, twin))
+    forces = [samples["O_F_ext_hat_K"][:, :3] for samples in (logged, twin)]
+    ours, its = (np.linalg.norm(each - np.median(each[:FREE_TICKS], axis=0), axis=1)[:n] for each in forces)
     touched = ours > CONTACT_N
     means = (float(ours[touched].mean()), float(its[touched].mean())) if touched.any() else (0.0, 0.0)
     apart = np.linalg.norm(logged["O_T_EE"][:n, :3, 3] - twin["O_T_EE"][:n, :3, 3], axis=1)
@@ -298,8 +292,3 @@ def _contact(side: str, logged: NDArray, twin: NDArray) -> Contact:
         side, int(touched.sum()), means, (float(ours.max()), float(its.max())), float(1e3 * np.sqrt(np.mean(apart**2))),
         tuple(torque.tolist()), tuple(velocity.tolist()),
     )  # fmt: skip
-
-
-def _force(samples: NDArray) -> NDArray[np.float64]:
-    force = samples["O_F_ext_hat_K"][:, :3]
-    return np.linalg.norm(force - np.median(force[:FREE_TICKS], axis=0), axis=1)

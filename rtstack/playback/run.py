@@ -65,11 +65,9 @@ def check_playback(
             if load.share > 1.0:
                 raise TrialError(f"{side} arm, {load.at_s:.2f} s into the log: {load.what}")
     stations = np.stack([path.stations for path in paths])
-    for near in near_misses(description, [path.q for path in paths], stations):
-        what = (
-            f"the {near.side} arm would touch the table" if near.side else "the arms would come too near to each other"
-        )
-        raise TrialError(f"{what}, {near.tick * STEP_S:.2f} s into the log: it cannot be played on this cell")
+    for tick, side in near_misses(description, [path.q for path in paths], stations):
+        what = f"the {side} arm would touch the table" if side else "the arms would come too near to each other"
+        raise TrialError(f"{what}, {tick * STEP_S:.2f} s into the log: it cannot be played on this cell")
 
 
 def fastest(paths: Sequence[ArmPath], limits: PairLimits, description: CellDescription) -> float:

@@ -49,12 +49,8 @@ class PlaybackSource:
         self._largest_square = 0.0
         self._pressed = [0] * len(stations)  # ticks for which a pad has felt a force
         self._moment, self._three, self._turn = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-        self._compile()
-
-    def _compile(self) -> None:
-        """Have everything compiled before the first tick, and the points at the start."""
-        brake(self._paces.copy(), 0.0, self._moment)
-        for side in range(len(self._stations)):
+        brake(paces.copy(), 0.0, self._moment)  # all is compiled before the first tick, and the points are at the start
+        for side in range(len(stations)):
             self._write(side)
 
     @property

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
@@ -17,7 +17,7 @@ from hal.base.files import write_whole
 from rtstack.messages import StrictFloat
 
 SUFFIX = ".accepted.json"
-
+T = TypeVar("T")
 
 Seconds = Annotated[StrictFloat, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
 
@@ -48,9 +48,6 @@ class Acceptance:
     to_s: Seconds | None = None
 
 
-_ACCEPTANCE = TypeAdapter(Acceptance)
-
-
 def acceptance_file(recording: Path) -> Path:
     """Return where a recording's acceptance is kept."""
     return recording.with_name(recording.name + SUFFIX)
@@ -58,20 +55,31 @@ def acceptance_file(recording: Path) -> Path:
 
 def load_acceptance(recording: Path) -> Acceptance:
     """Return what was said about a recording, an open one where nothing was. Raises AcceptanceError."""
-    path = acceptance_file(recording)
-    try:
-        return _ACCEPTANCE.validate_json(path.read_bytes())
-    except FileNotFoundError:
-        return Acceptance()
-    except (OSError, ValidationError) as error:
-        line = str(error).splitlines()[0]
-        raise AcceptanceError(f"{path}: {line}; remove the file to begin anew") from None
+    return load_beside(acceptance_file(recording), Acceptance, AcceptanceError)
 
 
 def save_acceptance(recording: Path, acceptance: Acceptance) -> None:
     """Keep what is said about a recording: whole, or not at all. Raises AcceptanceError."""
-    path = acceptance_file(recording)
+    keep_beside(acceptance_file(recording), json.dumps(asdict(acceptance), indent=1), AcceptanceError)
+
+
+def load_beside(path: Path, kind: type[T], refused: type[Exception]) -> T:
+    """Return what a small file beside a log says, `kind()` where there is none. Raises `refused` for a broken one."""
     try:
-        write_whole(path, json.dumps(asdict(acceptance), indent=1) + "\n")
+        return TypeAdapter(kind).validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return kind()
+    except (OSError, ValidationError) as error:
+        line = str(error).splitlines()[0]
+        raise refused(f"{path}: {line}; remove the file to begin anew") from None
+
+
+def keep_beside(path: Path, text: str, refused: type[Exception]) -> None:
+    """Write a small file beside a log: whole, or not at all; none for an empty text. Raises `refused`."""
+    try:
+        if text:
+            write_whole(path, text + "\n")
+        else:
+            path.unlink(missing_ok=True)
     except OSError as error:
-        raise AcceptanceError(f"{path}: cannot be written: {error.strerror}") from None
+        raise refused(f"{path}: cannot be written: {error.strerror}") from None

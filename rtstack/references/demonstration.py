@@ -50,27 +50,26 @@ def grab(
     squeeze_s: from the surface to there. Each replaces what the number says.
     """
     given = {"speed_y": speed_m_s, "squeeze": squeeze_m, "squeeze_s": squeeze_s}
-    return replace(_variation(variation), **{name: value for name, value in given.items() if value is not None})
-
-
-def _variation(variation: int) -> Grab:
-    if variation == 0:
-        return Grab()
     rng = np.random.default_rng([variation, 0x6772])
-    return Grab(
-        approach_s=rng.uniform(0.95, 1.15),
-        squeeze_s=rng.uniform(0.5, 0.65),
-        lift_s=rng.uniform(1.1, 1.35),
-        carry_s=rng.uniform(0.5, 0.7),
-        lower_s=rng.uniform(1.05, 1.2),
-        speed_y=rng.uniform(0.3, 0.38),
-        speed_z=rng.uniform(0.12, 0.16),
-        squeeze=rng.uniform(0.105, 0.13),
-        lift=rng.uniform(0.2, 0.27),
-        carry_x=rng.uniform(-0.04, 0.08),
-        height=rng.uniform(0.01, 0.03),
-        lag_s=(rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.004)),
+    script = (
+        Grab()
+        if variation == 0
+        else Grab(
+            approach_s=rng.uniform(0.95, 1.15),
+            squeeze_s=rng.uniform(0.5, 0.65),
+            lift_s=rng.uniform(1.1, 1.35),
+            carry_s=rng.uniform(0.5, 0.7),
+            lower_s=rng.uniform(1.05, 1.2),
+            speed_y=rng.uniform(0.3, 0.38),
+            speed_z=rng.uniform(0.12, 0.16),
+            squeeze=rng.uniform(0.105, 0.13),
+            lift=rng.uniform(0.2, 0.27),
+            carry_x=rng.uniform(-0.04, 0.08),
+            height=rng.uniform(0.01, 0.03),
+            lag_s=(rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.004)),
+        )
     )
+    return replace(script, **{name: value for name, value in given.items() if value is not None})
 
 
 def duration_s(script: Grab) -> float:

@@ -234,17 +234,18 @@ def recording_of(
     whole, n = points if patient else None, kept.stop - kept.start
     points, measured = points[:, kept], measured[:, kept]
     detected = min(hits) - kept.start if min(hits) < kept.stop else None
-    impact = _nominal(detected, accepted.nominal_impact_s, period_s, begin)
+    by_hand_s = accepted.nominal_impact_s  # what a person has set comes before what was found
+    impact = detected if by_hand_s is None else round(by_hand_s / period_s) - begin
     force = np.linalg.norm(measured["force"], axis=2).min(axis=0)  # on the pad that feels less, N
     held = np.flatnonzero(force > detector.force_high_n)
-    problem, then, thing = None, described_in(log), _object_name(log.metadata)
+    problem, then, thing = None, described_in(log), log.metadata.get("trial", {}).get("object", "")
     if impact is None:
         problem = "no impact was found in the demonstration: record one that hits the object"
     elif impact < 0:
-        problem = f"its impact was set to {accepted.nominal_impact_s:g} s, before {begin * period_s:g} s: cut less off"
+        problem = f"its impact was set to {by_hand_s:g} s, before {begin * period_s:g} s: cut less off"
     elif impact >= n:
         end_s = (begin + n) * period_s
-        problem = f"its impact was set to {accepted.nominal_impact_s:g} s by hand, past its end at {end_s:g} s"
+        problem = f"its impact was set to {by_hand_s:g} s by hand, past its end at {end_s:g} s"
     elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
     elif (away_m := moved_m(then, arms, measured["q"], sides)) > MOVED_M:
@@ -274,13 +275,8 @@ def recording_of(
         measured=measured,
         begin_s=begin * period_s,
         whole=whole,
-        hits=tuple(_hit(hit, kept) for hit in hits),
+        hits=tuple(hit - kept.start if hit < kept.stop else None for hit in hits),
     )
-
-
-def _hit(index: int, kept: slice) -> int | None:
-    """Return the index of a pad's impact in what is used."""
-    return index - kept.start if index < kept.stop else None
 
 
 def _kept(path: Path, accepted: Acceptance, n: int, period_s: float) -> slice:
@@ -293,11 +289,6 @@ def _kept(path: Path, accepted: Acceptance, n: int, period_s: float) -> slice:
             f"{n * period_s:g} s; cut less off"
         )
     return slice(first, last)
-
-
-def _nominal(detected: int | None, by_hand_s: float | None, period_s: float, begin: int) -> int | None:
-    """Return the index of the nominal impact after `begin`: what a person has set, else what was found."""
-    return detected if by_hand_s is None else round(by_hand_s / period_s) - begin
 
 
 def _begun_ns(log: Log, controls: list[NDArray], first_ns: int) -> int:
@@ -314,7 +305,3 @@ def _on_grid(records: NDArray, name: str, grid_ns: NDArray[np.int64]) -> Array:
     values = records[name].reshape(len(records), -1)
     on_grid = np.stack([np.interp(grid_ns, records["t_ns"], column) for column in values.T], axis=1)
     return on_grid[:, 0] if records[name].ndim == 1 else on_grid
-
-
-def _object_name(metadata: dict[str, dict[str, str]]) -> str:
-    return metadata.get("trial", {}).get("object", "")

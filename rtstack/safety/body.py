@@ -80,7 +80,8 @@ def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
     """Return the BODY () of an arm with the tool on this base."""
     root = ElementTree.fromstring(base.robot.urdf)
     body = np.zeros((), BODY)
-    body["base_position"], body["base_rotation"] = base.position, _rotation(base.orientation_wxyz)
+    body["base_position"] = base.position
+    body["base_rotation"] = rotation_from_quaternion(np.array(base.orientation_wxyz))
     for i in range(DOF):
         origin = root.find(f"joint[@name='joint{i + 1}']/origin")
         body["translation"][i], body["rotation"][i] = _numbers(origin, "xyz"), _turn(_numbers(origin, "rpy"))
@@ -98,7 +99,7 @@ def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
                 _add(body, count, middle - along, middle + along, float(cylinder.attrib["radius"]))
                 count += 1
     width, depth, height = tool.size
-    turn = _rotation(tool.orientation_wxyz)
+    turn = rotation_from_quaternion(np.array(tool.orientation_wxyz))
     middle, half = body["face"] - turn[:, 2] * (height / 2), turn[:, 0] * (width / 2)
     _add(body, count, middle - half, middle + half, math.hypot(depth / 2, height / 2))
     body["first"][LINKS] = count + 1
@@ -125,8 +126,9 @@ def _turn(rpy: Array) -> Array:
     return yaw @ pitch @ roll
 
 
-def _rotation(wxyz: tuple[float, float, float, float]) -> Array:
-    w, x, y, z = np.array(wxyz) / np.linalg.norm(wxyz)
+def rotation_from_quaternion(q: Array) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) of a quaternion wxyz (4,), normalised first. Not for the tick."""
+    w, x, y, z = q / np.linalg.norm(q)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

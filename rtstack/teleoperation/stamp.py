@@ -5,7 +5,6 @@ The sender's clock need not be the console's: console.teleoperation.gate finds b
 
 import secrets
 import time
-from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -35,20 +34,18 @@ class Stamp:
 class Sender:
     """Stamps the messages of a program. An answer of the console has the picture that the next command answers."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """clock: s."""
-        self._clock = clock
+    def __init__(self) -> None:
         self._name, self._sequence = secrets.token_hex(8), 0
         self._picture, self._seen_ms = 0, 0.0
 
     def saw(self, answer: dict[str, Any]) -> dict[str, Any]:
         """Take note of the picture that an answer brings, and return the answer."""
         if answer.get("picture"):
-            self._picture, self._seen_ms = answer["picture"], 1e3 * self._clock()
+            self._picture, self._seen_ms = answer["picture"], 1e3 * time.monotonic()
         return answer
 
     def stamped(self, message: dict[str, Any]) -> dict[str, Any]:
         """Return a message that says what it answers, made now."""
         self._sequence += 1
-        stamp = {"sender": self._name, "sequence": self._sequence, "made_ms": 1e3 * self._clock()}
+        stamp = {"sender": self._name, "sequence": self._sequence, "made_ms": 1e3 * time.monotonic()}
         return message | {"stamp": stamp | {"picture": self._picture, "seen_ms": self._seen_ms}}

@@ -15,7 +15,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
-from rtstack.log.writing.mcap_writer import BatchWriter, McapWriter
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns, History
 from rtstack.loop.watchdogs import WatchdogTrip
@@ -186,9 +186,8 @@ class WholeRunLog(RunSamples):
         try:
             # under a name of its own: a worker that was cut off may still write what another one has taken over
             with replacing(self.path) as partial, open(partial, "wb") as file:
-                mcap = McapWriter(file)
-                mcap.begin(self._metadata.items(), self._attachments)
-                writer = BatchWriter(mcap, Scenery(self._frames))
+                writer = McapWriter(file, scenery=Scenery(self._frames))
+                writer.begin(self._metadata.items(), self._attachments)
                 if self.history is not None:
                     writer.write(self.history.batches())
                 writer.finish(result, "closed", self.evidence, {})
@@ -317,16 +316,13 @@ def logged_urdfs(attachments: Sequence[Attachment]) -> tuple[str, str]:
 
 def frames(description: CellDescription, object_name: str) -> CellFrames:
     """Return where the arms stand and how large pads and object are, for /tf and for who draws the log."""
-    mounts = dict(zip(description.sides, base_poses(description), strict=True))
-    sizes = dict(zip(description.sides, (pad.size for pad in description.pads), strict=True))
-    robots, nowhere = dict(zip(description.sides, description.robots, strict=True)), (0.0, 0.0, 0.0)
-    thing = description.objects.get(object_name)
-    table = description.table
+    sides, thing, table = description.sides, description.objects.get(object_name), description.table
     return CellFrames(
-        mounts.get("left"), mounts.get("right"), (sizes.get("left", nowhere), sizes.get("right", nowhere)),
-        thing.size if thing else nowhere,
-        (*table.centre_xy, 0.5 * table.top_z), (*table.size_xy, table.top_z),
-        robots.get("left", FR3).urdf, robots.get("right", FR3).urdf,
+        dict(zip(sides, base_poses(description), strict=True)),
+        dict(zip(sides, (pad.size for pad in description.pads), strict=True)),
+        dict(zip(sides, (robot.urdf for robot in description.robots), strict=True)),
+        object_size_m=thing.size if thing else (0.0, 0.0, 0.0),
+        table_centre_m=(*table.centre_xy, 0.5 * table.top_z), table_size_m=(*table.size_xy, table.top_z),
     )  # fmt: skip
 
 

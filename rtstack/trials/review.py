@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.base.arrays import Array
 from rtstack.control.parameters import DetectorParameters
 from rtstack.log.analysis.derived import base_pose
 from rtstack.log.analysis.lateness import Lateness, lateness_of
@@ -60,16 +59,18 @@ def review_log(path: Path) -> Review:
     start_t_ns = int(columns.arm[0]["t_ns"][0]) if columns.arm.shape[1] else 0
     values = None
     if "nominal_impact_s" in trial:
+        detected = recorded.get("detected_impact_time_s", "null")
+        bases = [pose for side in log.sides if (pose := base_pose(log, side)) is not None]
         values = score(
             columns,
             start_t_ns,
             float(trial["nominal_impact_s"]),
             float(trial["release_s"]),
-            _detected(recorded),
+            None if detected == "null" else float(detected),
             SuccessCriterion(),
             Motion(trial.get("motion", Motion.GRAB)),
             logged_urdfs(log.attachments),
-            _bases(log),
+            tuple(bases) if len(bases) == len(log.sides) else None,
             recorded.get("object_observed") == "false",
         )
     return Review(
@@ -88,19 +89,9 @@ def review_log(path: Path) -> Review:
     )
 
 
-def _bases(log: Log) -> tuple[Array, ...] | None:
-    poses = [pose for side in log.sides if (pose := base_pose(log, side)) is not None]
-    return tuple(poses) if len(poses) == len(log.sides) else None
-
-
 def log_columns(log: Log) -> Columns:
     """Return the samples of a log as the columns that a run keeps in memory, cut to the shortest topic."""
     return Columns.read(log.topic)
-
-
-def _detected(recorded: dict[str, str]) -> float | None:
-    text = recorded.get("detected_impact_time_s", "null")
-    return None if text == "null" else float(text)
 
 
 def _first_contact(columns: Columns, arm: int, start_t_ns: int) -> float | None:

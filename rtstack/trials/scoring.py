@@ -116,7 +116,7 @@ def score(
         average_force_norm=_mean(norm[window]),
         average_force_norm_linear_n=_mean(linear[window]),
         peak_force_norm=float(norm.max()) if len(norm) else None,
-        max_lift_mm=_max_lift_mm(columns.object) if seen else None,
+        max_lift_mm=float(_lift(columns.object).max()) * 1e3 if seen else None,
         peak_torque_ratio=float(np.max(np.abs(columns.arm["tau_J"]) / ratings[:, :1], initial=0.0)),
         peak_velocity_ratio=float(np.max(np.abs(columns.arm["dq"]) / ratings[:, 1:], initial=0.0)),
         detected_impact_time_s=detected_impact_s,
@@ -138,9 +138,10 @@ def _mean(values: Array) -> float | None:
     return float(values.mean()) if len(values) else None
 
 
-def _max_lift_mm(poses: NDArray) -> float:
+def _lift(poses: NDArray) -> Array:
+    """How far the object is above where it stood at first (n,), m."""
     height = poses["position"][:, 2]
-    return float(height.max() - np.median(height[: min(20, len(height))])) * 1e3
+    return height - np.median(height[:20])
 
 
 def _risen(pads: Array, t_s: Array, impact_s: float) -> Array:
@@ -172,12 +173,9 @@ def _held(
     poses = columns.object
     pad_rise = _risen(pads, t_s, impact_s)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
-    height = poses["position"][:, 2]
-    lift = height - np.median(height[: min(20, len(height))])
     rise = np.interp(pose_t_s, t_s, pad_rise)
-    carried = (pose_t_s > impact_s) & (pose_t_s < end_s)
-    carried &= rise > criterion.lifted_m
-    return bool(carried.any() and np.all(lift[carried] > rise[carried] - criterion.slip_m))
+    carried = (pose_t_s > impact_s) & (pose_t_s < end_s) & (rise > criterion.lifted_m)
+    return bool(carried.any() and np.all(_lift(poses)[carried] > rise[carried] - criterion.slip_m))
 
 
 def _pushed(
@@ -192,7 +190,7 @@ def _pushed(
     way = np.linalg.norm(pad - pad[at_impact], axis=1)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
     place = poses["position"][:, :2]
-    gone = np.linalg.norm(place - np.median(place[: min(20, len(place))], axis=0), axis=1)
+    gone = np.linalg.norm(place - np.median(place[:20], axis=0), axis=1)
     pushed = (pose_t_s > impact_s) & (pose_t_s < end_s)
     apart = np.abs(gone - np.interp(pose_t_s, t_s, way))[pushed]
     return bool(gone[pushed].max(initial=0.0) > criterion.pushed_m and apart.max(initial=0.0) <= criterion.apart_m)

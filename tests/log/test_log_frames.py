@@ -47,7 +47,7 @@ def test_the_links_are_where_pinocchio_says(written: WrittenLog) -> None:
         for side in SIDES:
             sample = written.columns[f"/{side}/arm"][t_ns // MS - 1]
             pin.framesForwardKinematics(model, data, sample["q"].astype(float))
-            base = written.cell.T_world_base(side)
+            base = written.cell.T_world_base[side]
             for index in range(1, 9):
                 expected = base @ data.oMf[model.getFrameId(f"link{index}")].homogeneous
                 np.testing.assert_allclose(in_world(tree, f"{side}_link{index}"), expected, atol=1e-9)

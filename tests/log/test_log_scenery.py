@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 from collections import Counter, defaultdict
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -18,7 +17,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from rtstack.log.reader import read_log
-from rtstack.log.viewers.cell_urdf import cell_urdf, shapes_of
+from rtstack.log.viewers.solids import shapes_of
 from rtstack.log.viewers.voxels import VOXELS
 from rtstack.samples import SIDES
 from tests.support.log.samples import MS, WrittenLog
@@ -34,13 +33,10 @@ def decoded(path: Path, topic: str) -> list[tuple[int, object]]:
         return [(message.log_time, what) for _, _, message, what in reader.iter_decoded_messages(topics=[topic])]
 
 
-def test_every_link_of_the_urdf_is_a_frame_of_every_tf_message(written: WrittenLog) -> None:
-    urdf = cell_urdf(written.cell)
-    links = {link.attrib["name"] for link in ElementTree.fromstring(urdf).findall("link")}
-    assert links == FRAMES | {"world", "table", "object"}
+def test_every_link_and_thing_is_a_frame_of_every_tf_message(written: WrittenLog) -> None:
     transforms = decoded(written.path, "/tf")
     for _, message in transforms:
-        assert {transform.child_frame_id for transform in message.transforms} == links - {"world"}
+        assert {transform.child_frame_id for transform in message.transforms} == FRAMES | {"table", "object"}
     times = np.array([t_ns for t_ns, _ in transforms])
     assert times[0] == 1 * MS
     assert set(np.diff(times[1:])) == {20 * MS}
@@ -48,17 +44,12 @@ def test_every_link_of_the_urdf_is_a_frame_of_every_tf_message(written: WrittenL
 
 
 def test_pinocchio_puts_the_urdfs_links_where_tf_has_them(written: WrittenLog) -> None:
-    model = pin.buildModelFromXML(cell_urdf(written.cell))
-    data = model.createData()
+    models = {side: pin.buildModelFromXML(written.cell.urdf[side]) for side in SIDES}
     for t_ns, message in decoded(written.path, "/tf")[:5]:
         tree = {transform.child_frame_id: transform for transform in message.transforms}
-        q = pin.neutral(model)
-        for side in SIDES:
-            sample = written.columns[f"/{side}/arm"][t_ns // MS - 1]
-            for k in range(7):
-                q[model.joints[model.getJointId(f"{side}_joint{k + 1}")].idx_q] = sample["q"][k]
-        pin.framesForwardKinematics(model, data, q)
-        for side in SIDES:
+        for side, model in models.items():
+            data = model.createData()
+            pin.framesForwardKinematics(model, data, written.columns[f"/{side}/arm"][t_ns // MS - 1]["q"])
             T, frame = np.eye(4), f"{side}_link8"
             while frame != "world":
                 p, r = tree[frame].translation, tree[frame].rotation
@@ -66,7 +57,8 @@ def test_pinocchio_puts_the_urdfs_links_where_tf_has_them(written: WrittenLog) -
                 step[:3, :3] = pin.Quaternion(r.w, r.x, r.y, r.z).matrix()
                 step[:3, 3] = (p.x, p.y, p.z)
                 T, frame = step @ T, tree[frame].parent_frame_id
-            np.testing.assert_allclose(T, data.oMf[model.getFrameId(f"{side}_link8")].homogeneous, atol=1e-7)
+            expected = written.cell.T_world_base[side] @ data.oMf[model.getFrameId("link8")].homogeneous
+            np.testing.assert_allclose(T, expected, atol=1e-7)
 
 
 def test_the_scene_has_solids_in_every_frame_and_says_them_again_each_second(written: WrittenLog) -> None:
@@ -78,7 +70,7 @@ def test_the_scene_has_solids_in_every_frame_and_says_them_again_each_second(wri
         assert all(entity.frame_locked and entity.frame_id == name for name, entity in entities.items())
         size = entities["object"].cubes[0].size
         assert (size.x, size.y, size.z) == written.cell.object_size_m
-        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_sizes_m[0][2]
+        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_size_m["left"][2]
         assert len(entities["left_link5"].cylinders) == 2
         assert len(entities["left_link5"].spheres) == 4
 
@@ -90,7 +82,7 @@ def test_an_arrow_is_the_force_of_its_pad(written: WrittenLog) -> None:
     for t_ns, update in updates:
         for side, entity in zip(SIDES, update.entities, strict=True):
             sample = written.columns[f"/{side}/arm"][t_ns // MS - 1]
-            T = written.cell.T_world_base(side)
+            T = written.cell.T_world_base[side]
             force = T[:3, :3] @ sample["O_F_ext_hat_K"][:3]
             assert entity.id == f"{side}_force"
             assert len(entity.arrows) == (np.linalg.norm(force) >= 1.0)
@@ -149,9 +141,9 @@ def test_a_box_is_one_voxel_and_a_link_is_filled_with_them(written: WrittenLog) 
     np.testing.assert_allclose(centres, np.zeros((1, 3)), atol=1e-12)
     assert volume == pytest.approx(np.prod(written.cell.object_size_m))
     centres, volume = filled("/shapes/right_pad", written.path)
-    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_sizes_m[0][2])], atol=1e-12)
+    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_size_m["left"][2])], atol=1e-12)
     # link3 is two capsules: every voxel lies in the URDF's solids, and what pinocchio's library finds inside is filled
-    shapes = [s for s in shapes_of(cell_urdf(written.cell)) if s.link == "left_link3"]
+    shapes = [s for s in shapes_of(written.cell) if s.link == "left_link3"]
     solids = []
     for s in shapes:
         turn = pin.rpy.rpyToMatrix(*s.rpy)

@@ -6,7 +6,7 @@ import pytest
 
 from rtstack.impact_map import Status
 from rtstack.model.cell_description import ContactFriction, Table
-from rtstack.planning import PlanError, grab_plan, plan_grab, plan_push, push_plan
+from rtstack.planning import GrabPlan, PlanError, PushPlan, checked_plan, plan_grab, plan_push
 from rtstack.planning.feasibility import check_impact
 
 
@@ -31,7 +31,7 @@ from rtstack.planning.feasibility import check_impact
 )
 def test_a_grab_that_cannot_be(cell, asked, said):
     with pytest.raises(PlanError, match=said):
-        plan_grab(cell, "rice_box", grab_plan(**asked))
+        plan_grab(cell, "rice_box", checked_plan(GrabPlan, **asked))
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_a_grab_that_cannot_be(cell, asked, said):
 )
 def test_a_push_that_cannot_be(cell, asked, said):
     with pytest.raises(PlanError, match=said):
-        plan_push(cell, "box_130", push_plan(**asked))
+        plan_push(cell, "box_130", checked_plan(PushPlan, **asked))
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_a_push_that_cannot_be(cell, asked, said):
 )
 def test_a_cell_that_does_not_allow_it(cell, changed, said):
     with pytest.raises(PlanError, match=said):
-        plan_grab(replace(cell, **changed), "rice_box", grab_plan(height=0.03))
+        plan_grab(replace(cell, **changed), "rice_box", checked_plan(GrabPlan, height=0.03))
 
 
 def test_an_object_that_the_cell_does_not_have(cell):

@@ -102,7 +102,7 @@ def wandering(middle, seed, size):
     curves = []
     for q in middle:
         curves.append(make_interp_spline(t, q + size * rng.uniform(-1.0, 1.0, (7, 7)), 5))
-    return LoggedMotion(Path("wandering.mcap"), "", duration_s, tuple(curves), 0.0)
+    return LoggedMotion(Path("wandering.mcap"), "", duration_s, tuple(curves))
 
 
 @settings(max_examples=8, phases=GENERATE)

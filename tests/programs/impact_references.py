@@ -79,7 +79,7 @@ def main(
     for name in (worker.SWEEPS, RECORDINGS, LOGS):
         (out / name).mkdir(parents=True, exist_ok=True)
     conditions = replace(plan.conditions["nominal"], joint_friction=JointFriction.PUBLISHED, map=MapKind.CONVERGED)
-    bench = worker.ValidationBench(out.resolve(), "direct", load_description(None)[1], conditions, "")
+    bench = worker.ValidationBench(out.resolve(), "direct", load_description(None)[1], "", conditions)
     first = None
     for name, parts in PARTS.items():
         found = estimate(bench, plan, (thing, case), robot, parts)

@@ -82,7 +82,9 @@ class DerivedSamples:
         """Return the samples that can be made once these records have come too."""
         if arm is not None and len(arm):
             self._t_ns = np.concatenate([self._t_ns, arm["t_ns"]])
-            self._place = np.concatenate([self._place, self._in_world(arm["O_T_EE"][:, :3, 3])])
+            place, base = arm["O_T_EE"][:, :3, 3], self._base
+            in_world = np.full(place.shape, np.nan) if base is None else place @ base[:3, :3].T + base[:3, 3]
+            self._place = np.concatenate([self._place, in_world])
             force = np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1)
             self._force = np.concatenate([self._force, force])
         if control is not None and len(control):
@@ -96,11 +98,6 @@ class DerivedSamples:
     def rest(self) -> NDArray:
         """Return the last samples."""
         return self._make(len(self._t_ns))
-
-    def _in_world(self, place: Array) -> Array:
-        if self._base is None:
-            return np.full(place.shape, np.nan)
-        return place @ self._base[:3, :3].T + self._base[:3, 3]
 
     def _make(self, end: int) -> NDArray:
         n = max(0, end - self._made)

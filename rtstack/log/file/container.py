@@ -25,11 +25,11 @@ MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 9 + 20  # record header, two offsets and a checksum
 DATA_END_SIZE = 9 + 4  # record header, checksum: what the summary follows
 _RECORD = struct.Struct("<BQ")  # opcode, length
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 LARGEST_CHUNK = 64 << 20  # bytes, uncompressed; our writer's have about 1 MiB
 _CHUNK_HEADER = 40  # two times, size, checksum, length of an empty compression name, length of the data
 RECORD_HEADER = _RECORD.size
-MESSAGE_HEADER = _MESSAGE.size
+MESSAGE_HEADER = MESSAGE.size
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ def message_table(data: bytes) -> MessageTable:
     rows: list[tuple[int, int, int, int]] = []
     for opcode, position, following in walk(data):
         if opcode == Opcode.MESSAGE:
-            _, _, channel, _, log_time, _ = _MESSAGE.unpack_from(data, position)
+            _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data, position)
             rows.append((channel, log_time, position + MESSAGE_HEADER, following - position - MESSAGE_HEADER))
     columns = np.array(rows, np.int64).reshape(-1, 4).T
     return MessageTable(columns[0], columns[1], columns[2], columns[3])

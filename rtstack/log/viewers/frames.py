@@ -1,11 +1,12 @@
 """The /tf topic: frames of both arms, their pads, table and object, at 50 Hz of the robot's time.
 
 world -> left_base -> left_link0 -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on
-the right, world -> table, and world -> object: the links of rtstack.log.viewers.cell_urdf. A link is given relative to
+the right, world -> table, and world -> object: what rtstack.log.viewers.solids hang in. A link is given relative to
 the link before it: its joint's placement turned by the joint's angle, so that no forward kinematics is needed here.
 """
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,9 +15,7 @@ from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Times
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from hal.robots import FR3
 from rtstack.log.viewers.instants import OBJECT, Instants
-from rtstack.samples import SIDES
 
 WORLD = "world"
 TABLE = "table"
@@ -26,41 +25,23 @@ _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellFrames:
-    """Where things are mounted in the cell. Poses (4, 4) row-major, m, None for an arm that is not there; the sizes are
-    for drawing. URDFs of the arms.
+    """Where things are mounted in the cell. Of each arm that is there, by its side, left before right: mounting pose
+    (4, 4) row-major, m, size of its pad, m, and URDF. The sizes are for drawing.
 
     Compared and hashed by identity.
     """
 
-    T_world_base_left: Array | None
-    T_world_base_right: Array | None
-    pad_sizes_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    T_world_base: Mapping[str, Array]
+    pad_size_m: Mapping[str, tuple[float, float, float]]
+    urdf: Mapping[str, str]
     object_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    urdf_left: str = FR3.urdf
-    urdf_right: str = FR3.urdf
 
     @property
     def sides(self) -> tuple[str, ...]:
         """The sides of the arms that are there."""
-        poses = zip(SIDES, (self.T_world_base_left, self.T_world_base_right), strict=True)
-        return tuple(side for side, pose in poses if pose is not None)
-
-    def pad_size(self, side: str) -> tuple[float, float, float]:
-        """Size of the pad of the arm of `side`, m."""
-        return self.pad_sizes_m[SIDES.index(side)]
-
-    def urdf(self, side: str) -> str:
-        """URDF of the arm of `side` (left or right)."""
-        return self.urdf_left if side == "left" else self.urdf_right
-
-    def T_world_base(self, side: str) -> Array:
-        """Mounting pose of the arm of `side` (left or right), (4, 4) row-major, m. Raises KeyError without one."""
-        pose = self.T_world_base_left if side == "left" else self.T_world_base_right
-        if pose is None:
-            raise KeyError(side)
-        return pose
+        return tuple(self.T_world_base)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +67,18 @@ def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
         joints.append(
             JointPlacement(
                 child=child.attrib["link"],
-                position=_vector(place.get("xyz", "0 0 0")),
-                orientation_wxyz=from_rpy(_vector(place.get("rpy", "0 0 0"))),
-                axis=None if fixed or axis is None else _vector(axis.get("xyz", "1 0 0")),
+                position=np.array(triple(place.get("xyz", "0 0 0"))),
+                orientation_wxyz=from_rpy(np.array(triple(place.get("rpy", "0 0 0")))),
+                axis=None if fixed or axis is None else np.array(triple(axis.get("xyz", "1 0 0"))),
             )
         )
     return tuple(joints)
 
 
-def _vector(text: str) -> Array:
-    return np.array([float(word) for word in text.split()])
+def triple(text: str) -> tuple[float, float, float]:
+    """Return the three numbers of a URDF's attribute."""
+    x, y, z = map(float, text.split())
+    return x, y, z
 
 
 def from_rpy(rpy: Array) -> Array:
@@ -188,7 +171,7 @@ class FrameTree:
 
     def __init__(self, cell: CellFrames) -> None:
         self._cell = cell
-        self._joints = {side: joint_placements(cell.urdf(side)) for side in cell.sides}
+        self._joints = {side: joint_placements(cell.urdf[side]) for side in cell.sides}
 
     def transforms(self, instants: Instants) -> list[tuple[int, bytes]]:
         """Return a message for each of the instants, as (t_ns, FrameTransforms)."""
@@ -199,7 +182,11 @@ class FrameTree:
                 frames, instants, everywhere, [_Track(WORLD, TABLE, np.array(self._cell.table_centre_m), _UPRIGHT)]
             )
         for name, known in instants.known.items():
-            tracks = self._object(known.records) if name == OBJECT else self._arm(name, known.records)
+            poses = known.records
+            if name == OBJECT:
+                tracks = [_Track(WORLD, OBJECT, poses["position"], poses["orientation_wxyz"])]
+            else:
+                tracks = self._arm(name, poses)
             self._add(frames, instants, known.rows, tracks)
         return [
             (t, FrameTransforms(transforms=transforms).encode())
@@ -216,7 +203,7 @@ class FrameTree:
 
     def _arm(self, side: str, samples: NDArray) -> list[_Track]:
         base = f"{side}_base"
-        tracks = [_Track(WORLD, base, *_poses_of(self._cell.T_world_base(side)[None]))]
+        tracks = [_Track(WORLD, base, *_poses_of(self._cell.T_world_base[side][None]))]
         parent, angles = f"{side}_{BASE_LINK}", iter(0.5 * samples["q"].T)
         tracks.append(_Track(base, parent, np.zeros(3), _UPRIGHT))
         for joint in self._joints[side]:
@@ -228,9 +215,6 @@ class FrameTree:
             tracks.append(_Track(parent, child, joint.position, turned))
             parent = child
         return [*tracks, _Track(base, f"{side}_pad", *_poses_of(samples["O_T_EE"]))]
-
-    def _object(self, poses: NDArray) -> list[_Track]:
-        return [_Track(WORLD, OBJECT, poses["position"], poses["orientation_wxyz"])]
 
 
 def _poses_of(T: Array) -> tuple[Array, Array]:

@@ -1,15 +1,13 @@
 """What other people's viewers show of a log by themselves, made from its samples: the topics beside the records'."""
 
-from functools import lru_cache
-
 import foxglove
 from foxglove.messages import FrameTransforms, PointCloud, SceneUpdate, VoxelGrid
 from numpy.typing import NDArray
 
-from rtstack.log.viewers.cell_urdf import Shape, cell_urdf, shapes_of
 from rtstack.log.viewers.frames import CellFrames, FrameTree
 from rtstack.log.viewers.instants import InstantFinder
-from rtstack.log.viewers.shapes import Forces, Solids
+from rtstack.log.viewers.shapes import Solids, force_messages
+from rtstack.log.viewers.solids import shapes_of
 from rtstack.log.viewers.voxels import VOXELS, voxel_messages
 
 TRANSFORMS, SOLIDS, FORCES, FORCE_LINES = "/tf", "/scene", "/forces", "/forces/lines"
@@ -27,19 +25,14 @@ def scenery_schemas() -> dict[str, foxglove.Schema]:
     } | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
 
 
-@lru_cache(maxsize=8)  # a campaign's logs are of a few cells
-def _shapes(cell: CellFrames) -> list[Shape]:
-    return shapes_of(cell_urdf(cell))
-
-
 class Scenery:
     """Makes these messages from a run's batches of records."""
 
     def __init__(self, cell: CellFrames) -> None:
-        shapes = _shapes(cell)
+        shapes = shapes_of(cell)
         self._instants = InstantFinder()
         self._tree = FrameTree(cell)
-        self._solids, self._forces = Solids(shapes), Forces(cell)
+        self._cell, self._solids = cell, Solids(shapes)
         self._voxels = shapes  # until they were said
 
     def update(self, arms: dict[str, NDArray], poses: NDArray) -> Messages:
@@ -53,7 +46,7 @@ class Scenery:
         first_ns = int(instants.t_ns[0])
         voxels = voxel_messages(self._voxels, first_ns)
         self._voxels = []
-        arrows, lines = self._forces.messages(instants)
+        arrows, lines = force_messages(self._cell, instants)
         return {
             SOLIDS: self._solids.updates(instants),
             TRANSFORMS: self._tree.transforms(instants),

@@ -26,9 +26,9 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
-from rtstack.log.viewers.cell_urdf import Shape
 from rtstack.log.viewers.frames import WORLD, CellFrames, from_rpy
 from rtstack.log.viewers.instants import Instants, stamp
+from rtstack.log.viewers.solids import Shape
 
 SOLIDS_PERIOD_NS = 1_000_000_000
 M_PER_N = 0.004  # of an arrow: a squeeze of 30 N is 12 cm
@@ -80,37 +80,31 @@ class Solids:
         ]  # fmt: skip
 
 
-class Forces:
-    """Makes the messages of the forces by which the pads push their environment: arrows, and lines of points."""
-
-    def __init__(self, cell: CellFrames) -> None:
-        self._cell = cell
-
-    def messages(self, instants: Instants) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
-        """Return (t_ns, SceneUpdate) and (t_ns, PointCloud) for each of the instants."""
-        n = len(instants.t_ns)
-        entities: list[list[SceneEntity]] = [[] for _ in range(n)]
-        points: list[list[bytes]] = [[] for _ in range(n)]
-        stamps = instants.stamps()
-        for side in self._cell.sides:
-            known = instants.known.get(side)
-            if known is None:
-                continue
-            T = self._cell.T_world_base(side)
-            face = known.records["O_T_EE"][:, :3, 3] @ T[:3, :3].T + T[:3, 3]
-            force = known.records["O_F_ext_hat_K"][:, :3] @ T[:3, :3].T
-            for row, p, F in zip(known.rows.tolist(), face, force, strict=True):
-                newton = math.hypot(*F)
-                shown = newton >= LEAST_N
-                arrows = [_arrow(side, p, F, newton)] if shown else []
-                entities[row].append(
-                    SceneEntity(timestamp=stamps[row], frame_id=WORLD, id=f"{side}_force", arrows=arrows)
-                )
-                points[row].append(_line(side, p, F) if shown else b"")
-        times = instants.t_ns.tolist()
-        arrows = [(t, SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
-        lines = [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
-        return arrows, lines
+def force_messages(
+    cell: CellFrames, instants: Instants
+) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:  # fmt: skip
+    """Return the forces by which the pads push their environment, for each of the instants: arrows, (t_ns, SceneUpdate)
+    each, and lines of points, (t_ns, PointCloud) each."""
+    n = len(instants.t_ns)
+    entities: list[list[SceneEntity]] = [[] for _ in range(n)]
+    points: list[list[bytes]] = [[] for _ in range(n)]
+    stamps = instants.stamps()
+    for side, T in cell.T_world_base.items():
+        known = instants.known.get(side)
+        if known is None:
+            continue
+        face = known.records["O_T_EE"][:, :3, 3] @ T[:3, :3].T + T[:3, 3]
+        force = known.records["O_F_ext_hat_K"][:, :3] @ T[:3, :3].T
+        for row, p, F in zip(known.rows.tolist(), face, force, strict=True):
+            newton = math.hypot(*F)
+            shown = newton >= LEAST_N
+            arrows = [_arrow(side, p, F, newton)] if shown else []
+            entities[row].append(SceneEntity(timestamp=stamps[row], frame_id=WORLD, id=f"{side}_force", arrows=arrows))
+            points[row].append(_line(side, p, F) if shown else b"")
+    times = instants.t_ns.tolist()
+    arrows = [(t, SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
+    lines = [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
+    return arrows, lines
 
 
 def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], newton: float) -> ArrowPrimitive:

@@ -11,10 +11,10 @@ from foxglove.messages import Pose, Quaternion, VoxelGrid
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from rtstack.log.viewers.cell_urdf import Shape
 from rtstack.log.viewers.frames import TABLE, from_rpy, rotation_of
 from rtstack.log.viewers.instants import OBJECT, stamp
 from rtstack.log.viewers.shapes import colour_fields, vector
+from rtstack.log.viewers.solids import Shape
 from rtstack.samples import SIDES
 
 CELL_M = 0.02  # of a link's voxels: below the least radius of the arm's URDF, 25 mm

@@ -52,9 +52,12 @@ class McapWriter:
     Every method raises OSError when the disk refuses.
     """
 
-    def __init__(self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}) -> None:
-        """pictures: the topics of cameras."""
+    def __init__(
+        self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}, scenery: Scenery | None = None
+    ) -> None:
+        """pictures: the topics of cameras. scenery: makes messages for viewers of the records."""
         self._file = _File(file)
+        self._scenery = scenery
         # kept here: the channels hold no reference to their context, and fall silent without it
         self._context = context = foxglove.Context()
         # without seeking, a chunk is written in one piece: a killed writer leaves whole chunks behind
@@ -91,8 +94,15 @@ class McapWriter:
             )
         )
 
-    def write(self, batches: dict[str, NDArray], made: Messages) -> None:
-        """Write records of all topics and the messages that were made from them, in order of robot's time."""
+    def write(self, batches: dict[str, NDArray], made: Messages | None = None) -> None:
+        """Write records of all topics and the messages that were made from them, in order of robot's time.
+
+        made: those of the scenery where they are not given.
+        """
+        if made is None:
+            if not any(map(len, batches.values())):
+                return
+            made = self._shown(batches)
         times: list[NDArray[np.int64]] = []
         writes: list[Callable[[bytes, int], None]] = []
         messages: list[bytes] = []
@@ -116,6 +126,14 @@ class McapWriter:
             writes[row](messages[row], t_ns)
         self._dirty = self._dirty or bool(messages)
 
+    def _shown(self, batches: dict[str, NDArray]) -> Messages:
+        if self._scenery is None:
+            return {}
+        poses = batches[OBJECT_TOPIC]
+        none = np.zeros(0, ARM_SAMPLE)  # of an arm that is not there
+        arms = {side: batches.get(topic, none) for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
+        return self._scenery.update(arms, poses[poses["seen"] != 0])
+
     def _take(
         self, topic: str, said: list[bytes], writes: list[Callable[[bytes, int], None]], messages: list[bytes]
     ) -> None:
@@ -138,6 +156,24 @@ class McapWriter:
         """Write the summary and finish the file."""
         self._guard(self._writer.close)
 
+    def finish(self, result: Mapping[str, Any], ended: str, evidence: Evidence | None, lost: Mapping[str, int]) -> None:
+        """Write result, evidence and the account of what was lost, by topic, and finish the file."""
+        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self.messages.items()}
+        if evidence is not None:
+            for attachment in evidence.attachments:
+                self.attach(attachment.name, attachment.media_type, attachment.data)
+            self.write_metadata("fault", evidence.fault)
+        if result:
+            self.write_metadata("result", texts(result))
+        account = {
+            "ended": ended,
+            "messages": str(sum(self.messages.values())),
+            "lost": str(sum(lost.values())),
+            "topics": json.dumps(counts),
+        }
+        self.write_metadata("log", account)
+        self.close()
+
     def _guard(self, call: Callable[..., None], *arguments: object) -> None:
         try:
             call(*arguments)
@@ -149,13 +185,12 @@ class McapWriter:
 
 def topic_schemas() -> dict[str, foxglove.Schema]:
     """Return the schema of every topic of a log."""
-    return {name: _schema(topic.message.schema) for name, topic in TOPICS.items()} | scenery_schemas()
-
-
-def _schema(name: str) -> foxglove.Schema:
-    if name in STANDARD:
-        return STANDARD[name].schema
-    return foxglove.Schema(name=name, encoding="protobuf", data=sample_descriptors())
+    of_records = {}
+    for name, topic in TOPICS.items():
+        schema = topic.message.schema
+        ours = foxglove.Schema(name=schema, encoding="protobuf", data=sample_descriptors())
+        of_records[name] = STANDARD[schema].schema if schema in STANDARD else ours
+    return of_records | scenery_schemas()
 
 
 def encoded(topic: str, records: NDArray) -> list[bytes]:
@@ -165,47 +200,3 @@ def encoded(topic: str, records: NDArray) -> list[bytes]:
         return wire_format(message.name).encode(records)
     encode, frame = STANDARD[message.schema].encode, message.fields[0].frame
     return [encode(record, frame) for record in records]
-
-
-class BatchWriter:
-    """Writes batches of records, a topic each, and what stands at the end of a log."""
-
-    def __init__(self, mcap: McapWriter, scenery: Scenery | None) -> None:
-        self._mcap = mcap
-        self._scenery = scenery
-
-    @property
-    def messages(self) -> int:
-        """Number of messages that were written, those for viewers included."""
-        return sum(self._mcap.messages.values())
-
-    def write(self, batches: dict[str, NDArray]) -> None:
-        """Write all of them, in order of robot's time."""
-        if any(len(records) for records in batches.values()):
-            self._mcap.write(batches, self._made(batches))
-
-    def _made(self, batches: dict[str, NDArray]) -> Messages:
-        if self._scenery is None:
-            return {}
-        poses = batches[OBJECT_TOPIC]
-        none = np.zeros(0, ARM_SAMPLE)  # of an arm that is not there
-        arms = {side: batches.get(topic, none) for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
-        return self._scenery.update(arms, poses[poses["seen"] != 0])
-
-    def finish(self, result: Mapping[str, Any], ended: str, evidence: Evidence | None, lost: Mapping[str, int]) -> None:
-        """Write result, evidence and the account of what was lost, by topic, and finish the file."""
-        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._mcap.messages.items()}
-        if evidence is not None:
-            for attachment in evidence.attachments:
-                self._mcap.attach(attachment.name, attachment.media_type, attachment.data)
-            self._mcap.write_metadata("fault", evidence.fault)
-        if result:
-            self._mcap.write_metadata("result", texts(result))
-        account = {
-            "ended": ended,
-            "messages": str(self.messages),
-            "lost": str(sum(lost.values())),
-            "topics": json.dumps(counts),
-        }
-        self._mcap.write_metadata("log", account)
-        self._mcap.close()

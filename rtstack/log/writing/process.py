@@ -18,7 +18,7 @@ from hal.base.realtime import ordinary_thread
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writing.job import Evidence, LogJob
-from rtstack.log.writing.mcap_writer import BatchWriter, McapWriter
+from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.log.writing.pictures import PictureDrain
 from rtstack.topics import EVENT_TOPIC, TICK_TOPICS, TOPICS
 
@@ -30,10 +30,9 @@ _NOTHING_YET_NS = np.iinfo(np.int64).min
 class RingDrain:
     """Moves what is in the rings into the file, a batch at a time."""
 
-    def __init__(self, rings: Rings, mcap: McapWriter, scenery: Scenery | None, pictures: PictureDrain) -> None:
+    def __init__(self, rings: Rings, writer: McapWriter, pictures: PictureDrain) -> None:
         self._rings = rings
-        self._mcap, self._pictures = mcap, pictures
-        self._writer = BatchWriter(mcap, scenery)
+        self._writer, self._pictures = writer, pictures
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
         self._held = {name: np.zeros(0, topic.record) for name, topic in TOPICS.items()}
         self._newest = dict.fromkeys(TICK_TOPICS, _NOTHING_YET_NS)
@@ -42,15 +41,12 @@ class RingDrain:
         """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
         batches = {topic: reader.drain() for topic, reader in self._readers.items()}
         self._writer.write(self._settled(batches, final))
-        self._write_pictures()
-        self._rings.messages = self._writer.messages
-        self._mcap.flush_if_due()
-
-    def _write_pictures(self) -> None:
         newest_ns = max(0, *self._newest.values())
         made, said = self._pictures.step(newest_ns), self._pictures.events(newest_ns)
         if made or len(said):
-            self._mcap.write({EVENT_TOPIC: said}, made)
+            self._writer.write({EVENT_TOPIC: said}, made)
+        self._rings.messages = sum(self._writer.messages.values())
+        self._writer.flush_if_due()
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
         """Hold back whatever is not older than the newest tick that every topic has told about.
@@ -83,11 +79,11 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
     rings = Rings.attach(job.rings)
     try:
         with os.fdopen(log_descriptor, "wb") as file:
-            mcap = McapWriter(file, {topic: each for camera in job.cameras for topic, each in camera.schemas().items()})
-            mcap.begin(job.metadata, job.attachments)
-            mcap.flush()
-            pictures = PictureDrain(job.cameras, file)
-            drain = RingDrain(rings, mcap, Scenery(job.cell) if job.cell else None, pictures)
+            schemas = {topic: each for camera in job.cameras for topic, each in camera.schemas().items()}
+            writer = McapWriter(file, schemas, Scenery(job.cell) if job.cell else None)
+            writer.begin(job.metadata, job.attachments)
+            writer.flush()
+            drain = RingDrain(rings, writer, PictureDrain(job.cameras, file))
             rings.state = LogState.READY
             while not rings.closing and os.getppid() == parent:
                 drain.step()

@@ -1,10 +1,10 @@
 """Experiment kinds of the collision-monitoring paper: impacts, each judged by every tuning."""
 
-from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.report import Report
@@ -22,13 +22,18 @@ def run_once(run: Callable[[P, Sequence[Case]], list[Row]], portion: P, case: Ca
 
 
 class MonitorStudy(Experiment[P, Case]):
-    """Common base of both studies."""
+    """Common base of both studies. package: whose modules `worker` and `report` do the work, once they are needed."""
 
     unit = "simulations"
+    package: ClassVar[str]
 
-    @abstractmethod
     def work(self) -> Callable[[P, Sequence[Case]], list[Row]]:
         """Return the function that runs the cases of one batch."""
+        return import_module(f"{self.package}.worker").run_cases
+
+    def report(self, results: Results) -> Report:
+        """See the module `report` of the package."""
+        return import_module(f"{self.package}.report").report(self.specification, results)
 
     def stages(self) -> Stages:
         """Run one case before the others, so that code is compiled once."""
@@ -54,6 +59,8 @@ class MonitorStudy(Experiment[P, Case]):
 class PlanarStudy(MonitorStudy[StudyRun]):
     """Section IV-A: a planar arm with three joints, simulated by rtstack.papers.aim_aware.planar."""
 
+    package = "rtstack.papers.aim_aware"
+
     def __init__(self, specification: StudyRun, request: Request) -> None:
         from rtstack.papers.aim_aware.worker import columns
 
@@ -64,15 +71,3 @@ class PlanarStudy(MonitorStudy[StudyRun]):
     def read(cls, path: Path, quick: bool) -> StudyRun:
         """See Experiment."""
         return load_run(path, quick)
-
-    def work(self) -> Callable[[StudyRun, Sequence[Case]], list[Row]]:
-        """See MonitorStudy."""
-        from rtstack.papers.aim_aware.worker import run_cases
-
-        return run_cases
-
-    def report(self, results: Results) -> Report:
-        """See rtstack.papers.aim_aware.report."""
-        from rtstack.papers.aim_aware.report import report
-
-        return report(self.specification, results)

@@ -49,31 +49,22 @@ def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -
 
 
 def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
-    """Return the rows of cases with the same planned impact."""
-    first = cases[0]
-    inclinations_deg = tuple(case.inclination_deg for case in cases)
-    return run_plan(run, first.approach_deg, first.location_m, inclinations_deg, first.contact)
-
-
-def run_plan(
-    run: StudyRun, approach_deg: float, location_m: float, inclinations_deg: tuple[float, ...], contact: int = 0
-) -> list[Row]:
-    """Return a row for each inclination, with a contact of the map where `contact` is not 0.
+    """Return the rows of cases with the same contact and the same planned impact.
 
     impulse_ns: the smaller one that the impact map gives the two corners; second_ms: see `_second_ms`.
     """
-    run = run.at(contact)
+    run = run.at(cases[0].contact)
     began_s = time.process_time()
     study, monitors = run.study, run.monitors()
     seen = set(study.coarse.cases())
-    plan = plan_case(study, approach_deg, location_m)
+    plan = plan_case(study, cases[0].approach_deg, cases[0].location_m)
     rows: list[Row] = []
-    for inclination_deg in inclinations_deg:
-        case = Case(approach_deg, location_m, inclination_deg, contact=contact)
+    for case in cases:
         impact = simulate_case(study, plan, case, run.tuned.residual_rate_nm_s)
         row: Row = {
-            "id": case.id, "approach_deg": approach_deg, "location_m": location_m, "inclination_deg": inclination_deg,
-            "tuned_on": case in seen, "contact": contact, "impulse_ns": float(plan.impulses.min()),
+            "id": case.id, "approach_deg": case.approach_deg, "location_m": case.location_m,
+            "inclination_deg": case.inclination_deg, "tuned_on": case in seen, "contact": case.contact,
+            "impulse_ns": float(plan.impulses.min()),
             "second_ms": _second_ms(impact, run.tuned.residual_rate_nm_s),
         }  # fmt: skip
         rows.append(row | verdicts(impact, monitors))

@@ -25,7 +25,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     def __init__(self, specification: ValidationPlan, request: Request) -> None:
         from rtstack.cells import load_description
-        from rtstack.papers.impact_maps.worker import Measured, ValidationBench
+        from rtstack.papers.impact_maps.worker import MEASURED, ValidationBench
         from rtstack.papers.simulated_cell import plant_files
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
@@ -33,10 +33,10 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         self.description, cell_file = load_description(None)
         for thing in specification.objects:
             check_object(thing, self.description)
-        columns = columns_of(ValidationTrial, TrialResult, Measured)
+        columns = columns_of(ValidationTrial, TrialResult) | MEASURED
         super().__init__(specification, request, columns, [cell_file, *plant_files()])
         nominal = next(iter(specification.conditions.values()))
-        self._bench = ValidationBench(request.out, request.simulated_cell, cell_file, nominal, self.digest)
+        self._bench = ValidationBench(request.out, request.simulated_cell, cell_file, self.digest, nominal)
         self.refused: dict[PlannedReference, str] = {}
 
     @classmethod

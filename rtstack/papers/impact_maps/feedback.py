@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from hal.base.arrays import Array
 from rtstack.control.impedance import task_inertia
@@ -91,10 +92,4 @@ def feedback_signal(
     v, v_d, a = (direction.sign * values.mean(axis=0) for values in (velocity, reference, feedback))
     window = t_s[ticks]
     complete = bool(len(ticks) > 1 and window[0] < -BEFORE_S + 2e-3 and window[-1] > AFTER_S - 2e-3)
-    return FeedbackSignal(window, v, v_d, a, integral(window, a), complete)
-
-
-def integral(t_s: Array, values: Array) -> Array:
-    """Return the running integral (n,) of values (n,) over t_s (n,), by trapezoids; 0 at the first."""
-    steps = np.diff(t_s) * (values[1:] + values[:-1]) / 2.0
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return FeedbackSignal(window, v, v_d, a, cumulative_trapezoid(a, window, initial=0), complete)

@@ -15,7 +15,7 @@ from rtstack.experiments.seeds import seed_of
 from rtstack.impact_map import MapKind
 from rtstack.papers.impact_maps.claims import JUDGES
 from rtstack.papers.impact_maps.feedback import Direction
-from rtstack.planning import GrabPlan, PlanError, PushPlan, grab_plan, push_plan
+from rtstack.planning import GrabPlan, PlanError, PushPlan, checked_plan
 from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 
@@ -82,8 +82,8 @@ class Scenario:
         self, case: str, scale: float = 1.0, compensate: bool = True, kind: MapKind = MapKind.CONVERGED
     ) -> GrabPlan | PushPlan:
         """Return what is to be planned. Raises PlanError for a value out of range."""
-        make = grab_plan if self.motion is Motion.GRAB else push_plan
-        return make(**self.cases[case], post_impact_scale=scale, compensate=compensate, map=kind)
+        plan = GrabPlan if self.motion is Motion.GRAB else PushPlan
+        return checked_plan(plan, **self.cases[case], post_impact_scale=scale, compensate=compensate, map=kind)
 
 
 @checked(frozen=True, slots=True, config=STRICT)

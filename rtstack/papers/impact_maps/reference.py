@@ -20,7 +20,7 @@ from rtstack.control.impedance import task_inertia
 from rtstack.control.tick import ArmController
 from rtstack.experiments.seeds import seed_of
 from rtstack.loop.history import Columns
-from rtstack.papers.demonstrations import RECORDINGS, common_attachments
+from rtstack.papers.demonstrations import RECORDINGS
 from rtstack.papers.impact_maps.feedback import AFTER_S
 from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, JointFriction, PlannedReference, Scenario
 from rtstack.papers.impact_maps.prediction import predict
@@ -37,7 +37,6 @@ from rtstack.planning.free import FreeMotion, PlanPhase, compensated, free_motio
 from rtstack.trials.assembly import arm_controllers
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.motion import PreparedMotion
-from rtstack.trials.record import whole_run_log
 from rtstack.trials.specification import FreeRunSpecification
 
 WINDOW = 101  # ticks over which what is left is smoothed, by cubics: friction along a path changes with the path
@@ -70,14 +69,7 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
     for run in range(count):
         seed = seed_of(runs.robot, runs.name, run)
         specification = FreeRunSpecification(runs.name, runs.part, run, runs.robot, seed)
-        log = whole_run_log(
-            bench.out / SWEEPS / runs.log(run),
-            specification,
-            description,
-            common_attachments(bench.cell_file),
-            bench.cell,
-            law_inertia=parameters.inertia.law_inertia,
-        )
+        log = bench.log(bench.out / SWEEPS / runs.log(run), specification, parameters.inertia.law_inertia)
         prepared = PreparedMotion(specification, description, free.plan, parameters, seed)
         built = validation_cell(NO_OBJECT, seed, runs.robot, conditions)
         result = carry_out(prepared, WorkerHost(built, bench.cell, log))

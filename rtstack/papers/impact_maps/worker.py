@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -12,13 +11,7 @@ from rtstack.experiments.experiment import Row
 from rtstack.identification.procedure import Identification, sweep_log
 from rtstack.impact_map import ReflectedInertia
 from rtstack.model.cell_description import CellDescription
-from rtstack.papers.demonstrations import (
-    LOGS,
-    RECORDINGS,
-    campaign_record,
-    common_attachments,
-    described_cell,
-)
+from rtstack.papers.demonstrations import LOGS, RECORDINGS, CampaignBench, campaign_record
 from rtstack.papers.impact_maps.feedback import feedback_signal
 from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
@@ -32,7 +25,6 @@ from rtstack.papers.impact_maps.prediction import MapKind, Prediction, read_pred
 from rtstack.papers.simulated_cell import FRICTION_DRAW, SMALLEST_FACTOR, BuiltCell, WorkerHost, simulated_files
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
 from rtstack.trials.carry_out import carry_out
-from rtstack.trials.record import whole_run_log
 from rtstack.trials.specification import SweepSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial
 from sim_robot.scene import NO_OBJECT, PlacementScatter
@@ -79,41 +71,20 @@ def sweep_file(robot: int, asked: SweepSpecification) -> str:
     return f"r{robot}.{sweep_log(asked)}"
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """What a trial gives to the fit, m/s: velocities after the impact as planned and as predicted by each map with each
-    inertia, net feedback (29), its mean over the last swing, how much it still swings, and the pads' lowest velocity
-    after the impact. complete: whether the trial lasted for all of (29)'s window."""
-
-    planned_m_s: float
-    single_step_B_theta_m_s: float
-    single_step_B_m_s: float
-    single_step_none_m_s: float
-    converged_B_theta_m_s: float
-    converged_B_m_s: float
-    converged_none_m_s: float
-    net_feedback_m_s: float
-    net_over_swing_m_s: float
-    swing_m_s: float
-    lowest_m_s: float
-    complete: bool
+PREDICTED = {(which, kind): f"{which}_{kind}_m_s" for which in MapKind for kind in ReflectedInertia}
+# What a trial gives to the fit, m/s: velocities after the impact as planned and as predicted by each map with each
+# inertia, net feedback (29), its mean over the last swing, how much it still swings, and the pads' lowest velocity
+# after the impact. complete: whether the trial lasted for all of (29)'s window.
+MEASURED: dict[str, type] = dict.fromkeys(
+    ["planned_m_s", *PREDICTED.values(), "net_feedback_m_s", "net_over_swing_m_s", "swing_m_s", "lowest_m_s"], float
+) | {"complete": bool}
 
 
 @dataclass(frozen=True, slots=True)
-class ValidationBench:
-    """What all trials of a campaign have in common, as it is sent to the workers. cell: its kind; nominal: the
-    conditions of the identification; digest: the campaign's, for the logs. Paths are absolute."""
+class ValidationBench(CampaignBench):
+    """See CampaignBench. nominal: the conditions of the identification."""
 
-    out: Path
-    cell: str
-    cell_file: Path
     nominal: ValidationConditions
-    digest: str
-
-    @property
-    def description(self) -> CellDescription:
-        """The cell, read once in a process."""
-        return described_cell(self.cell_file)
 
 
 @lru_cache(maxsize=1)
@@ -123,10 +94,7 @@ def _identification(bench: ValidationBench) -> Identification:
 
 def identify(bench: ValidationBench, robot: int, asked: SweepSpecification) -> str | None:
     """Make one run of a robot's identification, and its log. Returns None, or in one line why it failed."""
-    log = whole_run_log(
-        bench.out / SWEEPS / sweep_file(robot, asked), asked, bench.description,
-        common_attachments(bench.cell_file), bench.cell, law_inertia=bench.description.gains.law_inertia,
-    )  # fmt: skip
+    log = bench.log(bench.out / SWEEPS / sweep_file(robot, asked), asked, bench.description.gains.law_inertia)
     prepared = _identification(bench).prepared(asked)
     built = validation_cell(asked.object, prepared.noise, robot, bench.nominal)
     return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
@@ -178,24 +146,15 @@ def run(
     prepared, prediction = _prepared(bench, reference, gains, conditions)
     specification = TrialSpecification(f"{RECORDINGS}/{reference.file}", object=trial.object, seed=trial.seed)
     prepared = replace(prepared, specification=specification)
-    path = bench.out / LOGS / f"{trial.id}.mcap"
-    log = whole_run_log(
-        path, specification, prepared.description, common_attachments(bench.cell_file), bench.cell,
-        reference=prepared.reference, law_inertia=prepared.parameters.inertia.law_inertia,
-        campaign=campaign_record(trial, bench.digest),
+    log = bench.log(
+        bench.out / LOGS / f"{trial.id}.mcap", specification, prepared.parameters.inertia.law_inertia,
+        reference=prepared.reference, campaign=campaign_record(trial, bench.digest),
     )  # fmt: skip
-    built = validation_cell(trial.object, trial.seed, trial.robot, conditions)
-    result = carry_out(prepared, WorkerHost(built, bench.cell, log))
-    if log.columns is None or not path.exists():
-        raise OSError(result.failure_reason)
-    signal = feedback_signal(log.columns, result.nominal_impact_time_s, _models(bench), DIRECTIONS[trial.motion])
-    predicted = {
-        f"{which}_{kind}_m_s": prediction.by_map[which][kind] for which in MapKind for kind in ReflectedInertia
-    }
-    measured = Measured(
-        planned_m_s=prediction.planned, **predicted, net_feedback_m_s=signal.net,
-        net_over_swing_m_s=signal.net_over_swing, swing_m_s=signal.swing, lowest_m_s=signal.lowest,
-        complete=signal.complete,
+    result, columns = bench.run(prepared, validation_cell(trial.object, trial.seed, trial.robot, conditions), log)
+    signal = feedback_signal(columns, result.nominal_impact_time_s, _models(bench), DIRECTIONS[trial.motion])
+    predicted = [prediction.by_map[which][kind] for which, kind in PREDICTED]
+    measured = (
+        prediction.planned, *predicted, signal.net, signal.net_over_swing, signal.swing, signal.lowest, signal.complete,
     )  # fmt: skip
-    values = {**asdict(trial), **result.as_dict(), **asdict(measured)}
+    values = {**asdict(trial), **result.as_dict(), **dict(zip(MEASURED, measured, strict=True))}
     return [values | {"id": trial.id, "motion": str(trial.motion), "log": f"{LOGS}/{trial.id}.mcap"}]

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stages, Task
-from rtstack.experiments.registry import plan_file
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
-from rtstack.papers.reference_spreading.comparison_plan import PATTERN, Comparison
+from rtstack.papers.reference_spreading.comparison_plan import comparison_plan
 from rtstack.papers.reference_spreading.plan import Plan, Trial, load_plan
 from rtstack.trials.errors import TrialError
 
@@ -31,7 +30,8 @@ class ControllerComparison(Experiment[Plan, Trial]):
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
 
-        plants = {each.plant for each in specification.conditions_in_use}
+        used = {name for each in specification.experiments for name in each.conditions}
+        plants = {specification.conditions[name].plant for name in used}
         if request.cell not in SIMULATED and len(plants) > 1:
             raise TrialError(
                 f"{specification.name} compares conditions that arms cannot be given, such as friction or profile: on "
@@ -50,15 +50,15 @@ class ControllerComparison(Experiment[Plan, Trial]):
         sources = [cell_file, *plant_files(specification.conditions.values())]
         super().__init__(specification, request, columns_of(Trial, TrialResult, Measures), sources)
         self._bench = Bench(
-            request.out, request.simulated_cell, cell_file, specification.criterion, self.digest, request.logs, lab_file
+            request.out, request.simulated_cell, cell_file, self.digest, specification.criterion, request.logs, lab_file
         )
         self._bench.archive.check()
         self._unrecorded: dict[str, str] = {}  # name of a reference -> why there is none
 
     @classmethod
     def composed(cls, values: Mapping[str, Any]) -> str:
-        """Return a plan with the conditions of the paper's; values: the fields of Comparison."""
-        return Comparison(**values).text(plan_file(PATTERN).path)
+        """Return a plan with the conditions of the paper's; values: the parameters of `comparison_plan`."""
+        return comparison_plan(**values)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Plan:

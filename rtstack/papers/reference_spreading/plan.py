@@ -183,11 +183,6 @@ class Plan:
         repetitions = experiment.repetitions * len(experiment.places) * len(experiment.conditions)
         return references * repetitions * len(self.controllers_of(experiment))
 
-    @property
-    def conditions_in_use(self) -> list[Conditions]:
-        """Those of the experiments, without the ones that no experiment has."""
-        return [self.conditions[name] for name in {name for each in self.experiments for name in each.conditions}]
-
     def controllers_of(self, experiment: Experiment) -> tuple[str, ...]:
         """Return the names of the controllers that an experiment compares."""
         return experiment.controllers or self.controllers

@@ -20,7 +20,8 @@ from rtstack.papers.demonstrations import RECORDINGS, Bench
 from rtstack.papers.reference_spreading.beyond import COMPARED, judge_beyond, summary
 from rtstack.papers.reference_spreading.claims import judge_claims
 from rtstack.papers.reference_spreading.controllers import NAMES, millimetres, name_of
-from rtstack.papers.reference_spreading.evaluation import FIGURE11, PAPER_TABLE2, TABLE2, Evaluation, every
+from rtstack.papers.reference_spreading.evaluation import FIGURE11, PAPER_TABLE2, TABLE2, Evaluation
+from rtstack.papers.reference_spreading.evaluation import every as counted
 from rtstack.papers.reference_spreading.figures import figure5, figure8, figure10, figure11, figure_hands, logged_trial
 from rtstack.papers.reference_spreading.plan import Plan
 from rtstack.references.recording import load_recording
@@ -89,7 +90,10 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[
     if failures := every.failures():
         counts = [[why, *(str(by.get(c, 0)) for c in plan.controllers)] for why, by in failures.items()]
         tables.append(Table("Failures", ("reason", *map(name_of, plan.controllers)), counts))
-    tables.append(_limits_table(evaluation))
+    # where limits acted that the paper has in another form, or has not: the departures of (12) to (14)
+    acted = [[NAMES[c], *(shown(evaluation.mean(c, each, counted=counted)) for each in LIMITS)] for c in NAMES]
+    title = "Ticks of a trial in which a limit acted that is not the paper's"
+    tables.append(Table(title, ("", *LIMITS.values()), acted))
     if evaluation.of(FIGURE11):
         tables.append(_figure11_table(evaluation))
         caption = (
@@ -113,12 +117,6 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[
             )  # fmt: skip
     about = _words(asdict(plan.conditions[name]))
     return Section(name, claims, tables, figures, numbers(evaluation), about)
-
-
-def _limits_table(evaluation: Evaluation) -> Table:
-    """Where limits acted that the paper has in another form, or has not: the departures of (12) to (14)."""
-    lines = [[NAMES[c], *(shown(evaluation.mean(c, name, counted=every)) for name in LIMITS)] for c in NAMES]
-    return Table("Ticks of a trial in which a limit acted that is not the paper's", ("", *LIMITS.values()), lines)
 
 
 def _figure11_table(evaluation: Evaluation) -> Table:

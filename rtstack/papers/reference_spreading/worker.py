@@ -15,21 +15,12 @@ from rtstack.cells import with_profile
 from rtstack.experiments.experiment import CellRun, Row
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
+from rtstack.loop.history import Columns
 from rtstack.papers.conditions import Conditions
-from rtstack.papers.demonstrations import (
-    LOGS,
-    RECORDINGS,
-    Bench,
-    Reference,
-    campaign_record,
-    common_attachments,
-)
-from rtstack.papers.reference_spreading.measures import Measures, measure
+from rtstack.papers.demonstrations import LOGS, RECORDINGS, Bench, Reference, campaign_record
+from rtstack.papers.reference_spreading.measures import measure
 from rtstack.papers.reference_spreading.plan import Trial
-from rtstack.papers.simulated_cell import WorkerHost
 from rtstack.samples import LawInertia
-from rtstack.trials.carry_out import carry_out
-from rtstack.trials.record import whole_run_log
 from rtstack.trials.review import log_columns
 from rtstack.trials.specification import TrialSpecification, like
 from rtstack.trials.trial import PreparedTrial, prepare_trial
@@ -61,25 +52,21 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
     """Run a trial and write its log. Returns the row of the results' table."""
     prepared, specification = _of_trial(bench, trial, conditions)
     prepared = replace(prepared, specification=specification, criterion=bench.criterion)
-    kind = with_profile(bench.cell, conditions.profile)
-    law = prepared.parameters.inertia.law_inertia
     with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:
-        log = whole_run_log(
-            path, specification, bench.description, common_attachments(bench.cell_file), kind,
-            reference=prepared.reference, law_inertia=law, campaign=campaign_record(trial, bench.digest),
+        log = bench.log(
+            path, specification, prepared.parameters.inertia.law_inertia, with_profile(bench.cell, conditions.profile),
+            reference=prepared.reference, campaign=campaign_record(trial, bench.digest),
         )  # fmt: skip
         built = bench.built_cell(trial.object, specification.displacement, trial.seed, conditions)
-        result = carry_out(prepared, WorkerHost(built, bench.cell, log))
-        if log.columns is None or not path.exists():
-            raise OSError(result.failure_reason)
+        result, columns = bench.run(prepared, built, log)
+    return [_row(bench, trial, result.as_dict(), columns)]
+
+
+def _row(bench: Bench, trial: Trial, result: Mapping[str, Any], columns: Columns) -> Row:
     measures = measure(
-        log.columns, prepared.description, trial.object, trial.displacement_mm,
-        result.nominal_impact_time_s, result.detected_impact_time_s,
+        columns, bench.description, trial.object, trial.displacement_mm,
+        result["nominal_impact_time_s"], result["detected_impact_time_s"],
     )  # fmt: skip
-    return [_row(trial, result.as_dict(), measures)]
-
-
-def _row(trial: Trial, result: Mapping[str, Any], measures: Measures) -> Row:
     values = {**asdict(trial), **result, **asdict(measures)}
     return values | {"id": trial.id, "controller": str(trial.controller), "log": f"{LOGS}/{trial.id}.mcap"}
 
@@ -103,12 +90,8 @@ def row_of_log(bench: Bench, path: Path, trial: Trial, columns: Mapping[str, Any
     if about.get("id") != trial.id or about.get("digest") != bench.digest or not recorded:
         return None
     result = {name: _value(text, columns[name]) for name, text in recorded.items() if name in columns}
-    measures = measure(
-        log_columns(log), bench.description, trial.object, trial.displacement_mm,
-        result["nominal_impact_time_s"], result["detected_impact_time_s"],
-    )  # fmt: skip
     origin = {"git_commit": metadata.get("git_commit", "unknown"), "digest": bench.digest}
-    return _row(trial, result, measures) | origin | {"wall_s": None, "worker": None}
+    return _row(bench, trial, result, log_columns(log)) | origin | {"wall_s": None, "worker": None}
 
 
 def _value(text: str, kind: Any) -> Any:

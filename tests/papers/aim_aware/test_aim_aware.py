@@ -13,7 +13,7 @@ from rtstack.papers.aim_aware.classification import plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.study import load_run
 from rtstack.papers.aim_aware.tuning import Need, find, separate
-from rtstack.papers.aim_aware.worker import run_cases, run_plan
+from rtstack.papers.aim_aware.worker import run_cases
 
 DEGREES = [float(deg) for deg in range(-10, 11)]
 
@@ -166,11 +166,12 @@ def test_a_tuning_lies_between_what_wanted_and_unwanted_cases_need():
 
 
 def test_a_case_is_the_same_again_and_unseen_by_the_tuning_where_it_says_so(study_run):
-    first = run_plan(study_run, 76.0, 0.3, (-4.0, 0.0, 3.0))
+    cases = [Case(76.0, 0.3, deg) for deg in (-4.0, 0.0, 3.0)]
+    first = run_cases(study_run, cases)
     assert [row["tuned_on"] for row in first] == [False] * 3
-    assert run_plan(study_run, 90.0, 0.3, (2.0,))[0]["tuned_on"]
+    assert run_cases(study_run, [Case(90.0, 0.3, 2.0)])[0]["tuned_on"]
     ours = ("cpu_s", "worker")
-    again = run_plan(study_run, 76.0, 0.3, (3.0,))[0]
+    again = run_cases(study_run, cases[2:])[0]
     assert {k: v for k, v in again.items() if k not in ours} == {k: v for k, v in first[2].items() if k not in ours}
 
 

@@ -15,7 +15,7 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.papers.aim_aware.arm.hits import hit_case, plan_case, prepare_hit
 from rtstack.papers.aim_aware.arm.study import ArmRun, load_arm_run
 from rtstack.papers.aim_aware.arm.tuning import separated
-from rtstack.papers.aim_aware.arm.worker import judged_case, learned_at, run_hits
+from rtstack.papers.aim_aware.arm.worker import judged_case, learned_at, run_cases
 from rtstack.papers.aim_aware.claims import LETTERS, evaluated
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.platform.plan import AXES, face_jacobian
@@ -90,10 +90,10 @@ def test_a_hit_is_the_same_again_and_another_one_with_another_seed(run):
     other, _, other_seed = judged_case(run, replace(case, repetition=1))
     assert other_seed != seed
     assert (other.ticks["residual"] != impact.ticks["residual"]).any()
-    row = run_hits(run, [case])[0]
+    row = run_cases(run, [case])[0]
     assert row["verdict_b"] == "expected" == row["verdict_a"]
     assert row["stopped"] == ""
-    far = run_hits(run, [replace(case, inclination_deg=16.0)])[0]
+    far = run_cases(run, [replace(case, inclination_deg=16.0)])[0]
     assert far["verdict_a"] == far["verdict_b"] == "unexpected"
 
 
@@ -174,7 +174,7 @@ def test_the_papers_column_has_the_papers_band_in_both_readings(run):
 def test_a_contact_of_the_map_learns_its_own_velocity_and_is_another_plant(run):
     whole = replace(run, quick=False)
     first = next(case for case in whole.cases() if case.contact == 1 and case.inclination_deg == 0.0)
-    row = run_hits(whole, [first])[0]
+    row = run_cases(whole, [first])[0]
     assert row["contact"] == 1
     assert row["id"].endswith("-contact1")
     at, failed = learned_at(whole, first)
@@ -229,7 +229,7 @@ def test_the_sample_is_run_and_reported_beside_the_papers_numbers(tmp_path, run)
         rows = {row["id"]: row for row in csv.DictReader(file)}
     assert set(rows) == {case.id for case in run.grid.cases()}
     case = next(iter(run.grid.cases()))
-    here = run_hits(run, [case])[0]
+    here = run_cases(run, [case])[0]
     assert rows[case.id]["margin_b"] == str(here["margin_b"])
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 2

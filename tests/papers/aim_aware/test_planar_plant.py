@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from rtstack.papers.aim_aware.planar.dynamics import coriolis, inertia, tip
+from rtstack.papers.aim_aware.planar.dynamics import coriolis, inertia, tip, weight
 from rtstack.papers.aim_aware.planar.parameters import Contact, PlanarArm
 from rtstack.papers.aim_aware.planar.plan import InfeasibleImpact, joints_at, model_at, plan_impact, simultaneous_impact
 from rtstack.papers.aim_aware.planar.plant import advance, derivative
@@ -85,7 +85,7 @@ def test_the_integrator_is_of_the_fourth_order():
 def test_the_studys_step_is_fine_enough_for_the_impact():
     surface = CONTACT.surface(0.3, 0.0, np.radians(3.0))
     q = joints_at(ARM.record(), np.array([0.3, 0.006, 0.0]))
-    dq = np.linalg.solve(model_at(ARM.record(), q, np.zeros(3)).J, np.array([0.0, -0.25, 0.0]))
+    dq = np.linalg.solve(model_at(ARM.record(), q)[1], np.array([0.0, -0.25, 0.0]))
     state = np.concatenate([q, q, dq, dq])
     coarse, fine = (_run(ARM, surface, state, 0.1, step) for step in (1.25e-4, 1.25e-5))
     assert np.abs(coarse - fine)[6:].max() < 2e-3  # rad/s, where the tunings' bounds are some 0.05
@@ -97,25 +97,25 @@ def test_a_contact_stops_where_the_closed_form_says_and_rebounds_as_it_says():
     stiff = Contact(stiffness=5e8, exponent=1.5, damping_s_m=4.0)
     arm, v = free.record(), 0.25
     q = joints_at(arm, np.array([0.3, 0.0, 0.0]))
-    model = model_at(arm, q, np.zeros(3))
+    _, J, M = model_at(arm, q)
     # hit along the acceleration that the force gives: then no other coordinate takes part
-    direction = np.linalg.solve(model.M, model.J[1])
-    mass = 1.0 / (model.J[1] @ direction)
+    direction = np.linalg.solve(M, J[1])
+    mass = 1.0 / (J[1] @ direction)
     dq = -v * direction * mass
     state, surface = np.concatenate([q, q, dq, dq]), stiff.surface(0.3, 0.0, 0.0)
     deepest, step = 0.0, 2e-7
     for _ in range(20000):
         state = _run(free, surface, state, step, step)
-        x = model_at(arm, state[:3], state[6:9])
-        deepest = max(deepest, -x.x[1])
-        if x.x[1] > 0.0:
+        x, _, _ = model_at(arm, state[:3])
+        deepest = max(deepest, -x[1])
+        if x[1] > 0.0:
             break
     lam, k, n = stiff.damping_s_m, 2.0 * stiff.stiffness, stiff.exponent  # both corners are at one point
     work = mass * (1.0 - np.exp(-lam * v) * (1.0 + lam * v)) / lam**2
     assert deepest == pytest.approx((work * (n + 1.0) / k) ** (1.0 / (n + 1.0)), rel=5e-3)
     surplus = lambda u: mass * (1.0 + np.exp(lam * u) * (lam * u - 1.0)) / lam**2 - work  # noqa: E731
     rebound = root_scalar(surplus, bracket=(1e-6, v)).root
-    assert (model.J @ state[6:9])[1] == pytest.approx(rebound, rel=5e-3)
+    assert (J @ state[6:9])[1] == pytest.approx(rebound, rel=5e-3)
     assert 0.1 * v < rebound < 0.7 * v
 
 
@@ -131,17 +131,20 @@ def test_the_coriolis_matrix_is_the_one_of_christoffels_symbols():
 
 def test_the_controllers_model_is_the_plants():
     stiff = _without(ARM, D_nms_rad=(0.0,) * 3)
-    model = model_at(ARM.record(), Q, DQ)
-    tau = np.array([5.0, -3.0, 2.0])
+    place, _, M = model_at(ARM.record(), Q)
+    C, gravity, tau = np.zeros((3, 3)), np.zeros(3), np.array([5.0, -3.0, 2.0])
+    coriolis(ARM.record()[0], np.cumsum(Q), np.cumsum(DQ), C)
+    weight(ARM.record()[0], np.cumsum(Q), gravity)
     state, rate = np.concatenate([Q, Q + tau / np.array(ARM.K_nm_rad), DQ, DQ]), np.zeros(12)
     derivative(stiff.record()[0], FAR[0], state, tau, rate, np.zeros(2))
-    np.testing.assert_allclose(model.M @ rate[6:9] + model.C @ DQ + model.g, tau, atol=1e-8)
+    np.testing.assert_allclose(M @ rate[6:9] + C @ DQ + gravity, tau, atol=1e-8)
     before, after, x, J, dJdq = *np.zeros((2, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     for sign, target in ((-1.0, before), (1.0, after)):
         tip(ARM.record()[0], np.cumsum(Q + sign * 1e-6 * DQ), np.cumsum(DQ), x, J, dJdq)
         target[:] = J @ DQ
-    np.testing.assert_allclose(model.dJdq, (after - before) / 2e-6, atol=1e-7)
-    np.testing.assert_allclose(joints_at(ARM.record(), model.x), Q, atol=1e-12)
+    tip(ARM.record()[0], np.cumsum(Q), np.cumsum(DQ), x, J, dJdq)
+    np.testing.assert_allclose(dJdq, (after - before) / 2e-6, atol=1e-7)
+    np.testing.assert_allclose(joints_at(ARM.record(), place), Q, atol=1e-12)
 
 
 def test_the_motors_torque_makes_their_inertia_look_like_b_theta():
@@ -153,13 +156,13 @@ def test_the_motors_torque_makes_their_inertia_look_like_b_theta():
 def test_the_impact_map_is_inelastic_least_in_the_inertias_metric_and_never_pulls(study):
     plan = plan_impact(ARM, study.task, study.gains, np.radians(80.0), 0.3)
     assert (plan.impulses > 0.0).all()
-    model = model_at(ARM.record(), plan.q_d, np.zeros(3))
-    M_r, J_N = model.M + np.diag(ARM.B_theta_kg_m2), model.J[1:]
-    dq = np.linalg.solve(model.J, [0.1, -0.25, 0.0])
+    _, J, M = model_at(ARM.record(), plan.q_d)
+    M_r, J_N = M + np.diag(ARM.B_theta_kg_m2), J[1:]
+    dq = np.linalg.solve(J, [0.1, -0.25, 0.0])
     after, _ = simultaneous_impact(M_r, np.array([J_N[0] - 0.1 * J_N[1], J_N[0] + 0.1 * J_N[1]]), dq)
     np.testing.assert_allclose(J_N @ after, 0.0, atol=1e-12)
     # Gauss: the jump is orthogonal, in M_r, to every motion that the contacts allow
-    sliding = np.linalg.solve(model.J, [1.0, 0.0, 0.0])
+    sliding = np.linalg.solve(J, [1.0, 0.0, 0.0])
     assert sliding @ M_r @ (after - dq) == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(InfeasibleImpact, match="negative impulse"):
         plan_impact(_without(ARM, half_width_m=0.03), study.task, study.gains, np.radians(80.0), 0.3)
@@ -181,4 +184,4 @@ def test_references_fit_together_by_the_map_and_go_on_beyond_the_impact(study):
     np.testing.assert_allclose(dx[: k + 1, 0], dx[k, 0], atol=1e-9)  # extended
     for tick in (0, k, k + 100):  # (14): the joints' velocities of the post-impact reference
         q = joints_at(ARM.record(), x[tick])
-        np.testing.assert_allclose(model_at(ARM.record(), q, np.zeros(3)).J @ plan.dq_post[tick], dx[tick], atol=1e-9)
+        np.testing.assert_allclose(model_at(ARM.record(), q)[1] @ plan.dq_post[tick], dx[tick], atol=1e-9)

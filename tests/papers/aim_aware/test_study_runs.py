@@ -12,7 +12,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from rtstack.papers.aim_aware.worker import run_plan
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.worker import run_cases
 
 RTSTACK = [sys.executable, "-m", "rtstack", "campaign", "aim-aware-planar", "--quick", "--workers", "1"]
 PATIENCE_S = 250.0
@@ -82,7 +83,7 @@ def test_interrupted_resumed_and_robbed_of_a_worker_it_gives_what_one_process_gi
     with open(out / "results.csv", encoding="utf-8") as file:
         rows = {row["id"]: row for row in csv.DictReader(file)}
     assert len(rows) == study_run.grid.size() == _rows(out)
-    for row in run_plan(study_run, 90.0, 0.22, study_run.grid.inclination_deg.values()):
+    for row in run_cases(study_run, [Case(90.0, 0.22, deg) for deg in study_run.grid.inclination_deg.values()]):
         kept = rows[row["id"]]
         for name in ("verdict_a", "reason_b", "margin_c", "impacts", "last_ms"):
             assert kept[name] == ("" if row[name] is None else str(row[name])), name

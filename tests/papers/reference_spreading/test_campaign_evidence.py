@@ -107,7 +107,7 @@ def test_a_trial_over_the_wire_has_the_row_of_the_one_in_the_workers_process(fin
     (tmp_path / "logs").mkdir()
     here = next(row for row in rows if row["controller"] == "proposed")
     trial = next(each for each in plan.cases([], {}) if each.id == here["id"])
-    bench = Bench(tmp_path, "lockstep", default_cell_file(), plan.criterion, "")
+    bench = Bench(tmp_path, "lockstep", default_cell_file(), "", plan.criterion)
     (there,) = run(bench, trial, plan.conditions[trial.conditions])
     clocked = {name for name in there if name.startswith(("compute_us", "real_time"))} | {"cell"}
     assert len(there.keys() - clocked) > 30

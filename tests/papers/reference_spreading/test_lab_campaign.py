@@ -70,7 +70,7 @@ def test_what_the_sensitivity_campaign_asks_for_is_recorded(tmp_path):
     fastest = max(plan.conditions, key=lambda name: plan.conditions[name].speed_m_s or 0.0)
     reference = Reference("rice_box", 130, fastest)
     assert reference in plan.references()
-    bench = Bench(tmp_path, "direct", default_cell_file(), plan.criterion, "")
+    bench = Bench(tmp_path, "direct", default_cell_file(), "", plan.criterion)
     (tmp_path / RECORDINGS).mkdir()
     seed = seed_of(plan.seed, "reference", reference.name)
     assert record(bench, reference, plan.conditions[fastest], seed) is None

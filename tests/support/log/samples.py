@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.robots import FR3
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess, LogSummary
+from rtstack.samples import SIDES
 from rtstack.topics import TOPICS
 
 TICKS = 1500
@@ -74,7 +76,12 @@ def write_log(path: Path, ticks: int = TICKS, seed: int = 0, trial: dict[str, st
     left, right = np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])
     left[:3, 3], right[:3, 3] = (0.0, 0.4, 0.1), (0.0, -0.4, 0.1)
     cell = CellFrames(
-        left, right, ((0.1, 0.1, 0.03), (0.1, 0.1, 0.03)), (0.2, 0.3, 0.2), (0.08, 0.0, 0.1), (0.56, 0.8, 0.2)
+        {"left": left, "right": right},
+        dict.fromkeys(SIDES, (0.1, 0.1, 0.03)),
+        dict.fromkeys(SIDES, FR3.urdf),
+        (0.2, 0.3, 0.2),
+        (0.08, 0.0, 0.1),
+        (0.56, 0.8, 0.2),
     )
     with Rings.create() as rings:
         log = LogProcess.start(path, rings, {"trial": trial}, [Attachment("cell.toml", "application/toml", CELL)], cell)

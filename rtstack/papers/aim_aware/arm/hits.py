@@ -60,13 +60,6 @@ def hit_scene(setup: Setup, home: Seven, inclination_deg: float, seed: int) -> S
     return replace(scene, platform=platform, pad=pad, left=replace(scene.arms[0], home=home))
 
 
-def platform_cell(setup: Setup, home: Seven, inclination_deg: float, seed: int) -> BuiltCell:
-    """Return the cell of a hit: the same robot whatever the seed, which draws noise, and how exactly the platform is
-    set up."""
-    scene, parameters = hit_scene(setup, home, inclination_deg, seed), _simulated()[1]
-    return BuiltCell(scene, parameters, NOTHING, seed, arms_seed=setup.robot)
-
-
 @lru_cache(maxsize=16)
 def _planned(
     mounting: ArmMounting, pad: Pad, task: Task, approach_deg: float, location_m: float, twist: Twist
@@ -88,47 +81,53 @@ def prepare_hit(
 
 
 def hit_case(study: ArmStudy, case: Case, prepared: PreparedHit, log: RunLog | None = None, kind: str = DIRECT) -> Hit:
-    """Run one hit on a cell of its own. kind: see BuiltCell. Raises what opening it raises."""
+    """Run one hit on a cell of its own: the same robot whatever the seed, which draws noise, and how exactly the
+    platform is set up. kind: see BuiltCell. Raises what opening it raises."""
     a, b, c, d, e, f, g = map(float, prepared.plan.q_start)
-    built = platform_cell(study.setup, (a, b, c, d, e, f, g), case.inclination_deg, prepared.specification.seed)
+    setup, seed = study.setup, prepared.specification.seed
+    scene = hit_scene(setup, (a, b, c, d, e, f, g), case.inclination_deg, seed)
+    built = BuiltCell(scene, _simulated()[1], NOTHING, seed, arms_seed=setup.robot)
     return carry_out(prepared, WorkerHost(built, kind, log))
 
 
-class Learner:
-    """Learns the velocity after a nominal impact, from hits with seeds that are used for nothing else."""
+def nominal_hits(study: ArmStudy, approach_deg: Iterable[float]) -> list[Case]:
+    """Return the hits to learn from: inclination 0, `learning` repetitions of each approach angle."""
+    location_m = study.grid.location_m.first
+    return [Case(deg, location_m, 0.0, n) for deg in approach_deg for n in range(study.tuning.learning)]
 
-    def __init__(self, study: ArmStudy) -> None:
-        self._study = study
 
-    def nominal(self, approach_deg: Iterable[float]) -> list[Case]:
-        """Return the hits to learn from: inclination 0, `learning` repetitions of each approach angle."""
-        location_m = self._study.grid.location_m.first
-        return [Case(deg, location_m, 0.0, n) for deg in approach_deg for n in range(self._study.tuning.learning)]
+def tuning_hit(
+    study: ArmStudy, case: Case, twist: Twist, rates: tuple[float, ...], seeds: str = "learning",
+    until: int | None = None,
+) -> tuple[HitPlan, Hit]:  # fmt: skip
+    """Run a hit whose monitor has these rates, and bounds that are never reached. twist: see plan_case.
 
-    def learn(self, cases: Iterable[Case], rates: Rates) -> dict[str, Twist]:
-        """Return the pad's velocities after a nominal impact, by approach angle."""
-        seen: dict[str, list[NDArray[np.float64]]] = {}
-        horizon = round(next(iter(self._study.tunings.values())).horizon_s / PERIOD_S)
-        for case in cases:
-            plan, seed = plan_case(self._study, case, self.prior(case)), self._seed("learning", case)
-            done = hit_case(self._study, case, prepare_hit(self._study, case, plan, self._monitoring(rates), seed))
-            first = int(np.argmax(done.ticks["post"]))
-            if done.stopped or first == 0:
-                raise ConfigurationError(f"a nominal hit at {case.approach_deg:g} deg: {done.stopped or 'no impact'}")
-            twist = done.ticks["twist"][first : first + horizon, AXES].mean(axis=0)
-            seen.setdefault(f"{case.approach_deg:g}", []).append(twist)
-        return {deg: _twist(np.mean(twists, axis=0)) for deg, twists in seen.items()}
+    seeds: the name of those that are used for nothing else.
+    """
+    plan, monitoring = plan_case(study, case, twist), next(iter(study.tunings.values())).parameters(rates, LARGE, LARGE)
+    return plan, hit_case(
+        study, case, prepare_hit(study, case, plan, monitoring, seed_of(study.seed, seeds, case.id), until)
+    )
 
-    def prior(self, case: Case) -> Twist:
-        """Return the velocity that a frictionless platform would leave."""
-        x, _, _ = approach_velocity(self._study.task, np.radians(case.approach_deg))
-        return float(x), 0.0, 0.0
 
-    def _monitoring(self, rates: tuple[float, ...]) -> MonitorParameters:
-        return next(iter(self._study.tunings.values())).parameters(rates, LARGE, LARGE)
+def learn(study: ArmStudy, cases: Iterable[Case], rates: Rates) -> dict[str, Twist]:
+    """Return the pad's velocities after a nominal impact, by approach angle."""
+    seen: dict[str, list[NDArray[np.float64]]] = {}
+    horizon = round(next(iter(study.tunings.values())).horizon_s / PERIOD_S)
+    for case in cases:
+        _, done = tuning_hit(study, case, prior(study, case), rates)
+        first = int(np.argmax(done.ticks["post"]))
+        if done.stopped or first == 0:
+            raise ConfigurationError(f"a nominal hit at {case.approach_deg:g} deg: {done.stopped or 'no impact'}")
+        twist = done.ticks["twist"][first : first + horizon, AXES].mean(axis=0)
+        seen.setdefault(f"{case.approach_deg:g}", []).append(twist)
+    return {deg: _twist(np.mean(twists, axis=0)) for deg, twists in seen.items()}
 
-    def _seed(self, what: str, case: Case) -> int:
-        return seed_of(self._study.seed, what, case.id)
+
+def prior(study: ArmStudy, case: Case) -> Twist:
+    """Return the velocity that a frictionless platform would leave."""
+    x, _, _ = approach_velocity(study.task, np.radians(case.approach_deg))
+    return float(x), 0.0, 0.0
 
 
 def _twist(values: NDArray[np.float64]) -> Twist:

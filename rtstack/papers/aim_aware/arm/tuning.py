@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from hal.base.configuration import ConfigurationError
-from rtstack.papers.aim_aware.arm.hits import LARGE, Learner, Twist, hit_case, plan_case, prepare_hit
+from rtstack.papers.aim_aware.arm.hits import LARGE, Twist, learn, nominal_hits, prior, tuning_hit
 from rtstack.papers.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Rates, load_arm_study
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case, Found
@@ -33,43 +33,37 @@ SETTLED = 50  # ticks: the observer has started
 BEFORE = 30  # ticks before the planned impact, in which no contact is possible
 
 
-class _Tuner(Learner):
-    def quiet(self, cases: Iterable[Case]) -> NDArray[np.float64]:
-        """Return the largest rates of the residual (7,), Nm/s, before the contact."""
-        until = round(self._study.task.approach_s / PERIOD_S) - BEFORE
-        rates = []
-        for case in track(cases, "free motion"):
-            plan, seed = plan_case(self._study, case, self.prior(case)), self._seed("learning", case)
-            deaf = self._monitoring((LARGE * LARGE,) * 7)
-            ticks = hit_case(self._study, case, prepare_hit(self._study, case, plan, deaf, seed, until)).ticks
-            rates.append(np.abs(np.diff(ticks["residual"], axis=0))[SETTLED:].max(axis=0) / PERIOD_S)
-        return np.max(rates, axis=0)
+def _quiet(study: ArmStudy, cases: Iterable[Case]) -> NDArray[np.float64]:
+    """Return the largest rates of the residual (7,), Nm/s, before the contact."""
+    until, deaf = round(study.task.approach_s / PERIOD_S) - BEFORE, (LARGE * LARGE,) * 7
+    rates = []
+    for case in track(cases, "free motion"):
+        ticks = tuning_hit(study, case, prior(study, case), deaf, until=until)[1].ticks
+        rates.append(np.abs(np.diff(ticks["residual"], axis=0))[SETTLED:].max(axis=0) / PERIOD_S)
+    return np.max(rates, axis=0)
 
-    def needs(self, rates: Rates, learned: dict[str, Twist]) -> dict[str, dict[Case, Need]]:
-        """Return the needs of each hit of the coarse grid, by tuning."""
-        needs: dict[str, dict[Case, Need]] = {name: {} for name in self._study.tunings}
-        for case in track(list(self._study.coarse.cases()), "coarse grid"):
-            plan = plan_case(self._study, case, learned[f"{case.approach_deg:g}"])
-            seed = self._seed("tuning", case)
-            done = hit_case(self._study, case, prepare_hit(self._study, case, plan, self._monitoring(rates), seed))
-            impact = Impact(case, plan, done.ticks)
-            for name, column in self._study.tunings.items():
-                needs[name][case] = need(impact, column, rates)
-        return needs
+
+def _needs(study: ArmStudy, rates: Rates, learned: dict[str, Twist]) -> dict[str, dict[Case, Need]]:
+    """Return the needs of each hit of the coarse grid, by tuning."""
+    needs: dict[str, dict[Case, Need]] = {name: {} for name in study.tunings}
+    for case in track(list(study.coarse.cases()), "coarse grid"):
+        plan, done = tuning_hit(study, case, learned[f"{case.approach_deg:g}"], rates, "tuning")
+        for name, column in study.tunings.items():
+            needs[name][case] = need(Impact(case, plan, done.ticks), column, rates)
+    return needs
 
 
 def tune(path: Path) -> ArmTuned:
     """Return the tuning of the study at `path`. Raises ConfigurationError if no candidate separates the cases."""
     study = load_arm_study(path)
-    tuner = _Tuner(study)
-    nominal = tuner.nominal(study.coarse.approach_deg.values())
-    quiet = tuner.quiet(nominal)
+    nominal = nominal_hits(study, study.coarse.approach_deg.values())
+    quiet = _quiet(study, nominal)
     separations: dict[str, list[float]] = {}
     left_out: dict[str, int] = {}
     best: tuple[tuple[int, float], float, bool, dict[str, Found]] | None = None
     for factor in study.tuning.noise_factor:
-        rates = _rates(factor, quiet)
-        needs = tuner.needs(rates, tuner.learn(nominal, rates))
+        rates = _seven(factor * quiet)
+        needs = _needs(study, rates, learn(study, nominal, rates))
         for mirrored in (False, True):
             found, lost = separated(study, needs, mirrored)
             name = f"{factor:g}{', mirrored' * mirrored}"
@@ -80,8 +74,8 @@ def tune(path: Path) -> ArmTuned:
     if best is None:
         raise ConfigurationError(f"{path}: key tuning: no noise_factor tells the wanted cases from the others")
     _, factor, mirrored, found = best
-    rates = _rates(factor, quiet)
-    learned = tuner.learn(tuner.nominal(study.grid.approach_deg.values()), rates)
+    rates = _seven(factor * quiet)
+    learned = learn(study, nominal_hits(study, study.grid.approach_deg.values()), rates)
     digest = digest_of(path, *platform_files())
     return ArmTuned(digest, factor, _seven(quiet), rates, mirrored, learned, found, separations, left_out)
 
@@ -107,10 +101,6 @@ def separated(
             return {}, lost
         found[name] = each
     return found, lost
-
-
-def _rates(factor: float, quiet: NDArray[np.float64]) -> Rates:
-    return _seven(factor * quiet)
 
 
 def _seven(values: NDArray[np.float64]) -> Rates:

@@ -8,16 +8,16 @@ from typing import Any
 from hal.base.configuration import ConfigurationError
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.seeds import seed_of
-from rtstack.papers.aim_aware.arm.hits import Learner, hit_case, plan_case, prepare_hit
+from rtstack.papers.aim_aware.arm.hits import hit_case, learn, nominal_hits, plan_case, prepare_hit, prior
 from rtstack.papers.aim_aware.arm.study import ArmRun
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit
+from rtstack.papers.aim_aware.platform.hit import Hit
 from rtstack.papers.aim_aware.platform.plan import HitPlan
 from rtstack.papers.aim_aware.platform.setup import platform_cell_file
 from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
 from rtstack.papers.demonstrations import campaign_record
-from rtstack.trials.record import WholeRunLog, cell_attachments, whole_run_log
+from rtstack.trials.record import cell_attachments, whole_run_log
 
 JUDGED = "judged"
 
@@ -38,38 +38,32 @@ def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit, int]:
     seed = seed_of(run.study.seed, JUDGED, case.id)
     monitoring = next(iter(run.monitors().values()))  # all tunings have the same detection
     prepared = prepare_hit(run.study, case, plan, monitoring, seed)
-    log = _log(run, case, prepared)
+    log = None
+    if run.logs is not None:
+        log = whole_run_log(
+            run.logs.path / f"{case.id}.mcap", prepared.specification, prepared.description,
+            cell_attachments(platform_cell_file(), prepared.description), run.cell,
+            campaign=campaign_record(case, run.logs.digest),
+        )  # fmt: skip
     done = hit_case(run.study, case, prepared, log, run.cell)
     if log is not None and not log.path.exists():
         raise OSError(done.failure_reason)
     return Impact(case, plan, done.ticks), done, seed
 
 
-def _log(run: ArmRun, case: Case, prepared: PreparedHit) -> WholeRunLog | None:
-    """Return the log of a hit, LOGS/ID.mcap; None where the run has no folder for logs."""
-    if run.logs is None:
-        return None
-    return whole_run_log(
-        run.logs.path / f"{case.id}.mcap", prepared.specification, prepared.description,
-        cell_attachments(platform_cell_file(), prepared.description), run.cell,
-        campaign=campaign_record(case, run.logs.digest),
-    )  # fmt: skip
-
-
 def learned_at(run: ArmRun, case: Case) -> tuple[ArmRun, str]:
     """Return the study with the contact of a case and the velocity learned with it; the reason if that failed."""
-    at, learner = run.at(case.contact), Learner(run.at(case.contact).study)
+    at, failed = run.at(case.contact), ""
     if not case.contact:
-        return at, ""
-    nominal, failed = learner.nominal([case.approach_deg]), ""
+        return at, failed
     try:
-        learned = learner.learn(nominal, run.tuned.residual_rate_nm_s)
+        learned = learn(at.study, nominal_hits(at.study, [case.approach_deg]), run.tuned.residual_rate_nm_s)
     except ConfigurationError as error:
-        learned, failed = {f"{case.approach_deg:g}": learner.prior(case)}, str(error)
+        learned, failed = {f"{case.approach_deg:g}": prior(at.study, case)}, str(error)
     return replace(at, tuned=replace(at.tuned, learned=learned)), failed
 
 
-def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
+def run_cases(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
     """Return a row for each case. stopped: reason if the robot or the safety judge ended the hit."""
     began_s = time.process_time()
     rows: list[Row] = []

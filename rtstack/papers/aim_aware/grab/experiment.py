@@ -37,7 +37,7 @@ class GrabStudy(Experiment[Judged, GrabCase]):
         cell_file = load_description(None)[1]
         sources = [cell_file, *plant_files()]
         super().__init__(specification, request, columns_of(GrabOutcome), sources, also=monitors)
-        bench = Bench(request.out, request.simulated_cell, cell_file, SuccessCriterion(), self.digest)
+        bench = Bench(request.out, request.simulated_cell, cell_file, self.digest, SuccessCriterion())
         self._grab = GrabBench(bench, specification.conditions, specification.faults, monitors)
 
     @classmethod

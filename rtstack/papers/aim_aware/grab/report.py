@@ -36,8 +36,8 @@ class Line:
     name: str
     trials: int
     right: int
-    delay_ms: tuple[float, float, float] | None
-    classified: int
+    delay_ms: tuple[float, ...] | None
+    named: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +63,7 @@ class Summary:
             "found": _values(self.found),
             "false_alarms": _values(self.false_alarms),
             "reached": self.reached,
-            "kinds": [
-                {"name": x.name, "trials": x.trials, "right": x.right, "delay_ms": x.delay_ms, "named": x.classified}
-                for x in self.lines
-            ],
+            "kinds": [asdict(line) for line in self.lines],
             "confusion": self.confusion,
             "wrong": [asdict(finding) for finding in self.wrong],
         }  # fmt: skip
@@ -101,7 +98,7 @@ def _line(fault: FaultKind | None, findings: Sequence[GrabOutcome]) -> Line:
         "good" if fault is None else str(fault),
         len(findings),
         sum(finding.right for finding in findings),
-        spread if spread is None else (spread[0], spread[1], spread[2]),
+        spread,
         sum(_said(finding) == true for finding in findings),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from rtstack.papers.aim_aware.planar.dynamics import absolute, coriolis, inertia, tip, weight
+from rtstack.papers.aim_aware.planar.dynamics import absolute, inertia, tip
 from rtstack.papers.aim_aware.planar.parameters import Gains, PlanarArm, Task
 from rtstack.references.quintic import ViaPoint, quintic_path
 
@@ -33,29 +33,14 @@ def simultaneous_impact(M_r: Array, J_N: Array, dq: Array) -> tuple[Array, Array
 Reference = tuple[Array, Array, Array]  # position, velocity, acceleration, (ticks, 3) each
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
-    """Kinematics and dynamics at a joint state. x (3,): m, m, rad; J, M, C (3, 3); g, dJdq (3,)."""
-
-    x: Array
-    J: Array
-    dJdq: Array
-    M: Array
-    C: Array
-    g: Array
-
-
-def model_at(arm: NDArray[np.void], q: Array, dq: Array) -> Model:
-    """Return the model of `arm`, (1,) of ARM, at q, dq (3,)."""
-    psi, dpsi, x, dJdq, g = np.zeros((5, 3))
-    J, M, C = np.zeros((3, 3, 3))
+def model_at(arm: NDArray[np.void], q: Array) -> tuple[Array, Array, Array]:
+    """Return x (3,) m, m, rad, J (3, 3) and M (3, 3) of `arm`, (1,) of ARM, at q (3,)."""
+    psi, x, still = np.zeros((3, 3))
+    J, M = np.zeros((2, 3, 3))
     absolute(q, psi)
-    absolute(dq, dpsi)
-    tip(arm[0], psi, dpsi, x, J, dJdq)
+    tip(arm[0], psi, still, x, J, np.zeros(3))
     inertia(arm[0], psi, M)
-    coriolis(arm[0], psi, dpsi, C)
-    weight(arm[0], psi, g)
-    return Model(x, J, dJdq, M, C, g)
+    return x, J, M
 
 
 def joints_at(arm: NDArray[np.void], x: Array) -> Array:
@@ -94,18 +79,18 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
     hit = np.array([x_m, task.surface_height_m, 0.0])
     before = approach_velocity(task, approach_rad)
     q_d = joints_at(arm, hit)
-    model = model_at(arm, q_d, np.zeros(3))
-    corners = np.array([model.J[1] - planar.half_width_m * model.J[2], model.J[1] + planar.half_width_m * model.J[2]])
-    dq = np.linalg.solve(model.J, before)
-    dq_after, impulses = simultaneous_impact(model.M + np.diag(planar.B_theta_kg_m2), corners, dq)
-    after = model.J @ dq_after
+    _, J, M = model_at(arm, q_d)
+    corners = np.array([J[1] - planar.half_width_m * J[2], J[1] + planar.half_width_m * J[2]])
+    dq = np.linalg.solve(J, before)
+    dq_after, impulses = simultaneous_impact(M + np.diag(planar.B_theta_kg_m2), corners, dq)
+    after = J @ dq_after
     t_d = task.approach_s
     t_s = gains.period_s * np.arange(round(task.duration_s / gains.period_s))
     ante, post = impact_references(task, t_s, hit, before, after)
     q_ref = joints_at(arm, np.concatenate([ante[0], post[0]]))
     if not np.isfinite(q_ref[: len(t_s)][t_s <= t_d]).all() or not np.isfinite(q_ref[len(t_s) :]).all():
         raise ValueError(f"the way to x = {x_m:g} m is out of the arm's reach")
-    dq_post = [np.linalg.solve(model_at(arm, q, dq).J, v) for q, v in zip(q_ref[len(t_s) :], post[1], strict=True)]
+    dq_post = [np.linalg.solve(model_at(arm, q)[1], v) for q, v in zip(q_ref[len(t_s) :], post[1], strict=True)]
     return Plan(t_d, q_ref[0], q_d, impulses, ante, post, np.array(dq_post))
 
 

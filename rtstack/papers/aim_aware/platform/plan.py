@@ -25,7 +25,7 @@ class HitPlan:
     """References before and after the impact at t_d_s, (n,) of POINT, each extended beyond it.
 
     q_start, q_d (7,): joints at the start and at the impact; dq_post (n, 7): the joint velocities (14) that are
-    expected after it. twist_post (3,): x m/s, z m/s, about y rad/s, right after the impact.
+    expected after it.
     """
 
     t_d_s: float
@@ -34,13 +34,13 @@ class HitPlan:
     ante: NDArray[np.void]
     post: NDArray[np.void]
     dq_post: Array
-    twist_post: Array
 
 
 def plan_hit(
     mounting: ArmMounting, pad: Pad, task: Task, approach_rad: float, x_m: float, twist_post: Array
 ) -> HitPlan:
-    """Plan to hit a horizontal platform at x_m (Section III-A); twist_post: what it leaves of the motion.
+    """Plan to hit a horizontal platform at x_m (Section III-A); twist_post (3,): what it leaves of the motion, x m/s,
+    z m/s, about y rad/s.
 
     Raises ValueError for a place out of reach.
     """
@@ -52,7 +52,7 @@ def plan_hit(
     k_d = round(task.approach_s / PERIOD_S)
     ante_points, q_ante, _ = _points(model, ante, q_d, k_d, None)
     post_points, _, dq_post = _points(model, post, q_d, k_d, task.push_n)
-    return HitPlan(task.approach_s, q_ante[0], q_d, ante_points, post_points, dq_post, twist_post)
+    return HitPlan(task.approach_s, q_ante[0], q_d, ante_points, post_points, dq_post)
 
 
 def joints_at(model: ArmModel, q: Array, x: Array) -> Array:

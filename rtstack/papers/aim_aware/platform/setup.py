@@ -8,6 +8,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, NotNegative, Positive
+from rtstack.papers.conditions import files_of_plant
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -33,8 +34,4 @@ def platform_cell_file() -> Path:
 
 def platform_files() -> list[Path]:
     """Return the files of the simulated cell."""
-    paths = []
-    for package, name in (("sim_robot.scenes", "platform.toml"), ("sim_robot.parameters", "plant.toml")):
-        with as_file(files(package) / name) as path:
-            paths.append(path)
-    return paths
+    return files_of_plant("scenes/platform.toml", "parameters/plant.toml")
