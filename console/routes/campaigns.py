@@ -317,4 +317,4 @@ def _read(name: str, path: pathlib.Path, own: bool = False) -> PlanView:
         sample = kind.read(path, quick=True).size()
     except ConfigurationError:
         sample = None
-    return PlanView(name, whole.title, whole.size(), sample, own, on_cell=kind.runs_on_cell())
+    return PlanView(name, whole.title, whole.size(), sample, own, on_cell=kind.runs_on_cell() and kind.on_stack)

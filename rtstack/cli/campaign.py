@@ -165,11 +165,13 @@ def _arms(experiment: "Experiment[Any, Any]", name: str, stack: "StackOperator |
         raise TrialError(f"--cell {request.cell}: {name} runs in the simulator: direct, or lockstep")
     if request.logs is not None:
         raise TrialError("--logs: on arms the logs go to --out; copy them once they are there")
+    if stack is not None and not experiment.on_stack:
+        raise TrialError(f"{name}: the stack knows no such run; give the arms: --cell fci:ADDRESS")
     if stack is not None:
         return stack
     from rtstack.cli.terminal import Terminal
 
-    host = Terminal.of(request.cell, None, request.cell_file, f"the campaign {name}")
+    host = Terminal.of(request.cell, None, experiment.cell_file, f"the campaign {name}")
     host.check()
     return host
 

@@ -88,6 +88,10 @@ class StackOperator:
         if not self._simulated:
             self._write_pause(reason)
 
+    def ask(self, what: str) -> None:
+        """See CellHost."""
+        self._write_pause(what)
+
     @contextmanager
     def kept_cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
         """See CellHost."""

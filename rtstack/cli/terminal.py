@@ -139,6 +139,12 @@ class Terminal:
         if self.check().needed:
             self._paused = f"{reason}: look at the cell, then press p to go on"
 
+    def ask(self, what: str) -> None:
+        """See CellHost. No person watches simulated arms."""
+        if not self.check().needed:
+            raise TrialError(f"{what}: simulated arms have no person who does; --cell lockstep does it by itself")
+        self._paused = f"{what}, then press p"
+
     def _toggle_pause(self) -> None:
         self._paused = "" if self._paused else "paused: press p to go on"
 

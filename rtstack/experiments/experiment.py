@@ -65,13 +65,14 @@ class CellRun:
     """A case, or a part of a stage, as a run on a cell's arms.
 
     log: its file, absolute; record: what its log says of the campaign; wanted: where the object is to stand before it,
-    from its nominal place.
+    from its nominal place, None without one; setup: what a person has to set up before it, as an imperative.
     """
 
     run: "PreparedRun[Any]"
     log: Path
     record: Mapping[str, str]
-    wanted: Displacement
+    wanted: Displacement | None
+    setup: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +141,8 @@ class Experiment(ABC, Generic[S, C]):
     options: ClassVar[frozenset[str]] = frozenset()
     unit: ClassVar[str] = "trials"  # what the cases are called, in the plural
     made: ClassVar[tuple[str, ...]] = ()  # folders of what the stages make, in that of the campaign
+    setup: ClassVar[str] = ""  # of a CellRun: how the cell is set up when a campaign begins
+    on_stack: ClassVar[bool] = True  # whether a stack's robot process can carry out the runs, too
 
     def __init__(
         self, specification: S, request: Request, columns: Mapping[str, Any] = {}, sources: Sequence[Path] = (),
@@ -219,6 +222,11 @@ class Experiment(ABC, Generic[S, C]):
         Raises TrialError where this kind runs in the simulator alone: a kind defines `on_cell` and this, or neither.
         """
         raise TrialError(f"{type(self).__name__} defines no row_of_log: it runs in the simulator alone")
+
+    @property
+    def cell_file(self) -> Path | None:
+        """The description of the arms on which the cases run, None for the default one."""
+        return self.request.cell_file
 
     @classmethod
     def runs_on_cell(cls) -> bool:

@@ -31,6 +31,10 @@ class CellHost(Protocol):
         """Pause until the person, where there is one, has looked at the cell: a run has ended with a fault."""
         ...
 
+    def ask(self, what: str) -> None:
+        """Pause until a person has set up what they are asked for. Raises TrialError where there is no person."""
+        ...
+
     def kept_cell(self, run: PreparedRun[Any]) -> AbstractContextManager[Cell]:
         """Give the cell to look at, its states and the tracker's poses. Raises HardwareError, TrialError."""
         ...

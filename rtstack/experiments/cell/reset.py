@@ -57,6 +57,8 @@ class Reset:
         WayRefused where the arms have to go to the start first.
         """
         description, name = planned.run.description, planned.run.specification.object
+        if planned.wanted is None:
+            return
         self._put_down(description, name, case_id)
         if not self._by_the_arms(description, name, planned.wanted, case_id):
             self._by_a_person(description, name, planned.wanted, case_id)

@@ -41,6 +41,7 @@ class CellRunner(Runner):
         self._failures: list[str] = []  # of the cases in a row that have failed until now
         self._began_s = self._work_s = 0.0
         self._latched = False  # the arms may have latched an error in the last run
+        self._setup = self._experiment.setup
         self._at_start = False  # the arms stand where a run or a placement of ours has left them
         self._held = ExitStack()
         self._reset: Reset | None = None
@@ -82,7 +83,11 @@ class CellRunner(Runner):
         """
         every: list[Case] = list(self._experiment.cases(self._store.rows()))
         missing = {case.id for case in cases}
-        order = [case for case in ordered(every, self._schedule, self._experiment.digest) if case.id in missing]
+        setup_of = {case.id: self._experiment.on_cell(case).setup for case in every}
+        order = ordered(
+            every, self._schedule, self._experiment.digest, lambda case: setup_of[case.id], self._experiment.setup
+        )
+        order = [case for case in order if case.id in missing]
         control = control_case(every, self._schedule)
         objects = {self._experiment.on_cell(case).run.specification.object for case in order}
         if len(objects) > 1:
@@ -141,6 +146,10 @@ class CellRunner(Runner):
             if self._latched:
                 self._latched = False
                 self.host.recover()
+            if planned.setup != self._setup:
+                self._setup = planned.setup
+                self.host.ask(planned.setup)
+                continue
             try:
                 if not self.host.sets_object:
                     self._bring(reset, planned, name)

@@ -1,7 +1,7 @@
 """In which order a plan's cases run on arms, with pauses and control cases between them. The simulator needs none."""
 
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from typing import Annotated, TypeVar
 
@@ -43,23 +43,32 @@ def schedule_of(specification: object) -> CellSchedule:
     return getattr(specification, "on_cell", None) or CellSchedule()
 
 
-def ordered(cases: Iterable[C], schedule: CellSchedule, digest: str) -> list[C]:
+def ordered(
+    cases: Iterable[C],
+    schedule: CellSchedule,
+    digest: str,
+    setup: Callable[[C], str] = lambda case: "",
+    begin: str = "",
+) -> list[C]:
     """Return all cases of a plan in the order in which they run: block by block, drawn within each.
 
     A block is a repetition of everything (a case's `repetition`), so that what drifts is spread over all conditions.
-    The same plan gives the same order.
+    In a block, cases of one set-up follow each other, first those of the present one: a person changes it. begin: how
+    the cell is set up. The same plan gives the same order.
     """
     draw = random.Random(f"{digest}.{schedule.seed}")
-    blocks = groupby(sorted(cases, key=_block), key=_block)
-    return [case for _, block in blocks for case in _drawn(list(block), draw)]
+    found: list[C] = []
+    for _, block in groupby(sorted(cases, key=_block), key=_block):
+        drawn = list(block)
+        drawn = draw.sample(drawn, len(drawn))
+        setups = list(dict.fromkeys([begin, *map(setup, drawn)]))
+        found += sorted(drawn, key=lambda case: setups.index(setup(case)))
+        begin = setup(found[-1])
+    return found
 
 
 def _block(case: Case) -> int:
     return getattr(case, "repetition", 0)
-
-
-def _drawn(block: list[C], draw: random.Random) -> list[C]:
-    return draw.sample(block, len(block))
 
 
 def control_case(cases: Sequence[C], schedule: CellSchedule) -> C | None:

@@ -9,12 +9,12 @@ import pytest
 from rtstack.experiments.experiment import Request
 from rtstack.experiments.registry import plan_file
 from rtstack.log.reader import read_log
+from rtstack.loop.end import End
 from rtstack.model.cell_description import load_cell_description
-from rtstack.papers.aim_aware.arm import one_hit
 from rtstack.papers.aim_aware.arm.experiment import PlatformStudy
 from rtstack.papers.aim_aware.arm.hits import hit_case, plan_case, prepare_hit
 from rtstack.papers.aim_aware.arm.study import STUDY, ArmRun, LogFolder, load_arm_run
-from rtstack.papers.aim_aware.arm.worker import judged_case
+from rtstack.papers.aim_aware.arm.worker import judged_case, row_of_log, run_cases
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.platform.hit import hit_parameters, ticks_of
 from rtstack.papers.aim_aware.platform.setup import platform_cell_file
@@ -44,23 +44,27 @@ def test_the_cells_file_has_the_arm_and_the_pad_of_the_study(run):
 
 
 def test_a_hit_over_the_wire_in_lockstep_is_the_one_in_this_process_to_the_last_bit(run):
-    direct, _, _ = judged_case(run, CASE)
-    served, done, _ = judged_case(replace(run, cell="lockstep"), CASE)
+    direct, _ = judged_case(run, CASE)
+    served, done = judged_case(replace(run, cell="lockstep"), CASE)
     assert done.stopped == ""
     assert direct.ticks["post"].any()
     assert (direct.ticks == served.ticks).all()
 
 
 def test_a_hits_log_has_its_ticks_and_says_what_it_was(run, plan, tmp_path):
-    impact, done, seed = judged_case(replace(run, logs=LogFolder(tmp_path, "abc")), CASE)
+    impact, done = judged_case(replace(run, logs=LogFolder(tmp_path, "abc")), CASE)
     path = tmp_path / f"{CASE.id}.mcap"
     log, review = read_log(path), review_log(path)
     parameters = hit_parameters(run.study.description, run.study.gains, plan)
-    assert (ticks_of(log_columns(log), run.study.description, parameters) == impact.ticks).all()
+    assert (ticks_of(log_columns(log), run.study.description, parameters, End.COMPLETED) == impact.ticks).all()
     assert (review.kind, review.sides, review.complete) == ("hit", ("left",), True)
     assert (review.recorded["success"], done.stopped) == ("true", "")
     assert log.metadata["campaign"]["digest"] == "abc"
-    assert log.metadata["trial"]["seed"] == str(seed)
+    (row,) = run_cases(run, [CASE])
+    assert log.metadata["trial"]["seed"] == str(row["seed"])
+    again = row_of_log(run, CASE, path, "abc")
+    assert {name: again[name] for name in row if name != "cpu_s"} == {k: v for k, v in row.items() if k != "cpu_s"}
+    assert row_of_log(run, CASE, path, "another campaign's") is None
     assert {a.name for a in log.attachments} == {"cell.toml", "fr3.urdf"}
     # the verdict in the loop is the one that the report makes of the ticks
     found = impact.assess(next(iter(run.monitors().values())))
@@ -101,25 +105,16 @@ def test_a_stop_of_the_judge_ends_the_hit_and_is_said(run, plan, safety, said):
     assert (done.ticks == whole[: len(done.ticks)]).all()  # what the judge stopped is no tick of the hit
 
 
-def test_one_hit_at_an_address_is_run_by_a_command(tmp_path, capsys):
-    path = tmp_path / "hit.mcap"
+def test_the_hits_of_a_plan_are_run_by_an_arm_at_its_address(tmp_path, command_line):
+    """Those of a level platform: simulated arms have no person who would incline it."""
+    out = tmp_path / "out"
     with serve("--scene", "platform", "--only", "left", "--lockstep") as served:
-        kind = f"fci:{served.left}"
-        for _ in range(2):  # the arm goes back to the start by itself
-            path.unlink(missing_ok=True)
-            assert one_hit.main([kind, "--log", str(path)]) == 0
-            assert "b expected" in capsys.readouterr().out
+        words = (STUDY, "--quick", "--cell", f"fci:{served.left}", "--workers", "1")
+        done = command_line("campaign", *words, "--out", str(out))
+    assert done.returncode == 2
+    assert re.search("set the platform to .* degrees: simulated arms have no person who does", done.stderr)
+    assert {log.stem for log in (out / "logs").glob("*.mcap")} == {f"{deg}deg-0.51m-+0deg" for deg in (100, 130)}
+    for path in (out / "logs").glob("*.mcap"):
         review = review_log(path)
-        assert (review.recorded["success"], review.trial["cell"]) == ("true", kind)
+        assert (review.recorded["success"], review.trial["cell"]) == ("true", f"fci:{served.left}")
         assert review.recorded["impact_verdict"] == "expected"
-        refused = (
-            ([kind, "--log", str(path)], "exists already"),
-            (["direct", "--log", str(tmp_path / "other.mcap")], "cell 'direct' has no platform"),
-            ([kind, "--approach-deg", "95"], "choose one of 100, 110, 120, 130"),
-        )
-        for arguments, reason in refused:
-            assert one_hit.main(arguments) == 2
-            said = capsys.readouterr().err
-            assert reason in said
-            assert said.count("\n") == 1
-    assert [file.name for file in tmp_path.iterdir()] == ["hit.mcap"]

@@ -1,11 +1,13 @@
 """The arm study of the collision-monitoring paper as a kind of experiment."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rtstack.experiments.experiment import Request, Stages
+from rtstack.experiments.experiment import SIMULATED, CellRun, Request, Row, Stages
 from rtstack.papers.aim_aware.arm.study import ArmRun, LogFolder, load_arm_run
 from rtstack.papers.aim_aware.experiment import MonitorStudy
+from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.platform.setup import platform_cell_file, platform_files
 from rtstack.papers.aim_aware.tuned import tuning_file
 
@@ -17,6 +19,8 @@ class PlatformStudy(MonitorStudy[ArmRun]):
 
     options = frozenset({"cell"})
     package = "rtstack.papers.aim_aware.arm"
+    setup = "set the platform to 0 degrees"
+    on_stack = False
 
     def __init__(self, specification: ArmRun, request: Request) -> None:
         from rtstack.papers.aim_aware.arm.worker import columns
@@ -26,11 +30,38 @@ class PlatformStudy(MonitorStudy[ArmRun]):
         logs = LogFolder(request.out / LOGS, self.digest) if specification.study.logs else None
         self.specification = replace(specification, logs=logs, cell=request.simulated_cell)
 
+    @property
+    def cell_file(self) -> Path:
+        """See Experiment."""
+        return platform_cell_file()
+
     def stages(self) -> Stages:
         """Make the folder of the logs, where there are some; see MonitorStudy."""
         if self.specification.logs is not None:
             self.specification.logs.path.mkdir(exist_ok=True)
-        yield from super().stages()
+        if self.request.cell in SIMULATED:
+            yield from super().stages()
+
+    def cases(self, rows: Sequence[Row]) -> list[Case]:
+        """See MonitorStudy. An arm has no other contact than its own."""
+        simulated = self.request.cell in SIMULATED
+        return [case for case in super().cases(rows) if simulated or not case.contact]
+
+    def size(self) -> int:
+        """See Experiment."""
+        return len(self.cases(()))
+
+    def on_cell(self, case: Case) -> CellRun:
+        """See Experiment. The platform stands where the plan has it: x 0.51 m, height 0.15 m."""
+        from rtstack.papers.aim_aware.arm.worker import on_arms
+
+        return on_arms(self.specification, case, self.request.out / LOGS / f"{case.id}.mcap", self.digest)
+
+    def row_of_log(self, case: Case, log: Path) -> Row | None:
+        """See Experiment."""
+        from rtstack.papers.aim_aware.arm.worker import row_of_log
+
+        return row_of_log(self.specification, case, log, self.digest)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> ArmRun:

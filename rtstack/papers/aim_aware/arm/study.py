@@ -113,7 +113,7 @@ class LogFolder:
 class ArmRun(Portion[ArmStudy, ArmTuned]):
     """The study or its sample. logs: None where hits are not logged. cell: the kind on which judged hits run.
 
-    An address has no platform that each hit could incline (one_hit.py is for one hit there).
+    At an address a person inclines the platform.
     """
 
     logs: LogFolder | None = None

@@ -3,21 +3,26 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from hal.base.configuration import ConfigurationError
-from rtstack.experiments.experiment import Row
+from rtstack.experiments.experiment import CellRun, Row
 from rtstack.experiments.seeds import seed_of
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.loop.end import End
 from rtstack.papers.aim_aware.arm.hits import hit_case, learn, nominal_hits, plan_case, prepare_hit, prior
 from rtstack.papers.aim_aware.arm.study import ArmRun
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.platform.hit import Hit
+from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit, hit_parameters, ticks_of
 from rtstack.papers.aim_aware.platform.plan import HitPlan
 from rtstack.papers.aim_aware.platform.setup import platform_cell_file
 from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
 from rtstack.papers.demonstrations import campaign_record
 from rtstack.trials.record import cell_attachments, whole_run_log
+from rtstack.trials.review import log_columns
 
 JUDGED = "judged"
 
@@ -31,14 +36,19 @@ def columns(run: ArmRun) -> dict[str, Any]:
     return known | verdict_columns(run.monitors())
 
 
-def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit, int]:
-    """Return a case of the report: the impact, the hit and its seed. Writes the hit's log where the run has a folder
-    for logs."""
+def _prepared(run: ArmRun, case: Case) -> PreparedHit:
     plan = plan_case(run.study, case, run.tuned.learned[f"{case.approach_deg:g}"])
-    seed = seed_of(run.study.seed, JUDGED, case.id)
     monitoring = next(iter(run.monitors().values()))  # all tunings have the same detection
-    prepared = prepare_hit(run.study, case, plan, monitoring, seed)
-    log = None
+    return prepare_hit(run.study, case, plan, monitoring, _seed(run, case))
+
+
+def _seed(run: ArmRun, case: Case) -> int:
+    return seed_of(run.study.seed, JUDGED, case.id)
+
+
+def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit]:
+    """Return a case of the report: the impact and the hit. Writes the hit's log where the run has a folder for logs."""
+    prepared, log = _prepared(run, case), None
     if run.logs is not None:
         log = whole_run_log(
             run.logs.path / f"{case.id}.mcap", prepared.specification, prepared.description,
@@ -48,7 +58,42 @@ def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit, int]:
     done = hit_case(run.study, case, prepared, log, run.cell)
     if log is not None and not log.path.exists():
         raise OSError(done.failure_reason)
-    return Impact(case, plan, done.ticks), done, seed
+    return Impact(case, prepared.plan, done.ticks), done
+
+
+def on_arms(run: ArmRun, case: Case, path: Path, digest: str) -> CellRun:
+    """Return a hit as a run on a cell's arm, which goes to the start of the plan by itself. path: of its log."""
+    setup = f"set the platform to {case.inclination_deg:g} degrees"
+    return CellRun(_prepared(run, case), path, campaign_record(case, digest), None, setup)
+
+
+def row_of_log(run: ArmRun, case: Case, path: Path, digest: str) -> Row | None:
+    """Return the row of a hit on arms from its log; None where it is not a complete one of this campaign."""
+    try:
+        log = read_log(path)
+    except LogError:
+        return None
+    about, result = log.metadata.get("campaign", {}), log.metadata.get("result", {})
+    if (about.get("id"), about.get("digest")) != (case.id, digest) or not result:
+        return None
+    prepared, end = _prepared(run, case), End.in_reason(result["failure_reason"])
+    parameters = hit_parameters(prepared.description, prepared.gains, prepared.plan)
+    ticks = ticks_of(log_columns(log), prepared.description, parameters, end)
+    followed = end is End.COMPLETED or len(ticks) == len(prepared.plan.ante)
+    stopped = "" if followed else result["failure_reason"].removeprefix(f"{end}: ")
+    row = _row(run, Impact(case, prepared.plan, ticks), stopped)
+    git_commit = log.metadata.get("trial", {}).get("git_commit", "unknown")
+    return row | {"cpu_s": None, "wall_s": None, "worker": None, "git_commit": git_commit, "digest": digest}
+
+
+def _row(run: ArmRun, impact: Impact[HitPlan], stopped: str) -> Row:
+    case = impact.case
+    row: Row = {
+        "id": case.id, "approach_deg": case.approach_deg, "location_m": case.location_m,
+        "inclination_deg": case.inclination_deg, "repetition": case.repetition, "seed": _seed(run, case),
+        "contact": case.contact, "stopped": stopped,
+    }  # fmt: skip
+    return row | verdicts(impact, run.monitors())
 
 
 def learned_at(run: ArmRun, case: Case) -> tuple[ArmRun, str]:
@@ -69,12 +114,7 @@ def run_cases(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
     rows: list[Row] = []
     run, failed = learned_at(run, cases[0])
     for case in cases:
-        impact, done, seed = judged_case(run, case)
-        row: Row = {
-            "id": case.id, "approach_deg": case.approach_deg, "location_m": case.location_m,
-            "inclination_deg": case.inclination_deg, "repetition": case.repetition, "seed": seed,
-            "contact": case.contact, "stopped": failed or done.stopped,
-        }  # fmt: skip
-        rows.append(row | verdicts(impact, run.monitors()))
+        impact, done = judged_case(run, case)
+        rows.append(_row(run, impact, failed or done.stopped))
     cpu_s = (time.process_time() - began_s) / len(rows)
     return [row | {"cpu_s": cpu_s} for row in rows]

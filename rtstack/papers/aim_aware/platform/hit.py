@@ -72,10 +72,12 @@ class Hit(Result):
     """What came out of a hit.
 
     ticks (n,) of TICK; stopped: why it ended before its plan did (robot, safety judge), empty where it did not.
+    missed_deadlines: late cycles.
     """
 
     ticks: NDArray[np.void]
     stopped: str
+    missed_deadlines: int
 
 
 @compiled
@@ -152,18 +154,17 @@ class PreparedHit(PreparedRun[Hit]):
         with Run(description, parameters, session_plan, limits_of_arms(description), context, way) as run:
             outcome = run.follow(cell, partial(HitController, plan, self.monitoring), plan.t_d_s)
             columns = run.history.columns()
-            ticks = ticks_of(columns, description, parameters)
-            if outcome.end in (End.SAFETY, End.QP):
-                ticks = ticks[:-1]  # the last one's torque was the judge's
+            ticks = ticks_of(columns, description, parameters, outcome.end)
             result = _result(outcome, columns, run)
             incomplete = run.close(result)
         reason = result["failure_reason"] or incomplete
         followed = outcome.end is End.COMPLETED or len(ticks) == session_plan.ticks
-        return Hit(reason is None, reason, ticks, "" if followed else outcome.detail or str(outcome.end))
+        stopped = "" if followed else outcome.detail or str(outcome.end)
+        return Hit(reason is None, reason, ticks, stopped, outcome.missed_deadlines)
 
 
-def ticks_of(columns: Columns, description: CellDescription, parameters: Parameters) -> NDArray[np.void]:
-    """Return the ticks (n,) of TICK in which a hit's references were followed, of its run's samples."""
+def ticks_of(columns: Columns, description: CellDescription, parameters: Parameters, end: End) -> NDArray[np.void]:
+    """Return the ticks (n,) of TICK in which a hit's references were followed, of its run's samples and end."""
     (arm,) = arm_controllers(description, parameters)
     mode = columns.control[0]["mode"]
     following = (mode == Mode.ANTE_IMPACT) | (mode == Mode.POST_IMPACT)
@@ -177,7 +178,7 @@ def ticks_of(columns: Columns, description: CellDescription, parameters: Paramet
         arm.sample["q"][0], arm.sample["dq"][0] = tick["q"], tick["dq"]
         arm.observe()
         tick["position"], tick["twist"] = arm.workspace["position"][0], arm.workspace["twist"][0]
-    return ticks
+    return ticks[:-1] if end in (End.SAFETY, End.QP) else ticks  # the last one's torque was the judge's
 
 
 def _result(outcome: SessionOutcome, columns: Columns, run: Run) -> dict[str, Any]:
@@ -189,4 +190,5 @@ def _result(outcome: SessionOutcome, columns: Columns, run: Run) -> dict[str, An
         "impact_verdict": Verdict(int(last["impact_verdict"])).name.lower(),
         "impact_reason": Reason(int(last["impact_reason"])).name.lower(),
         "impact_margin": float(last["impact_margin"]), "safety_interventions": outcome.safety_interventions,
+        "missed_deadlines": outcome.missed_deadlines,
     }  # fmt: skip
