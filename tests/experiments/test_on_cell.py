@@ -210,7 +210,8 @@ class Seen:
         return self.pose
 
 
-def test_what_the_arms_cannot_mend_a_person_is_told_until_it_is_right():
+@pytest.mark.parametrize("by_arms", [True, False])
+def test_what_the_arms_cannot_mend_or_are_not_to_a_person_is_told_until_it_is_right(by_arms):
     """Fallen, then not seen for long, then beside its place, then there: the campaign goes on by itself."""
     description = load_cell_description(default_cell_file())
     tracker = Seen(description, "parcel")
@@ -239,9 +240,9 @@ def test_what_the_arms_cannot_mend_a_person_is_told_until_it_is_right():
         Displacement(0.0, 0.020, 0.0),
     )  # fmt: skip
     began_s = time.monotonic()
-    Reset(cell, carry, wait).set_in_place(planned, "a case")
+    Reset(cell, carry, wait, by_arms).set_in_place(planned, "a case")
     assert time.monotonic() - began_s > 0.9  # it has stood there for a second
-    assert carried == [Kind.PLACEMENT]
+    assert carried == [Kind.PLACEMENT] * by_arms
     assert told[0] == "parcel: move it 20 mm towards the left arm"
     assert told[1].startswith("parcel does not stand upright on the table (it leans by 86 degrees")
     assert told[2].startswith("the tracker has not seen parcel for 3 s")

@@ -34,11 +34,11 @@ class Reset:
     """Sets the object of a cell in its place.
 
     carry: carries out a run, and notes it as an attempt for a case; wait: waits for a person, tells what is to be done
-    for as long as there is something to tell, and notes that for a case.
+    for as long as there is something to tell, and notes that for a case. by_arms: whether they place the object.
     """
 
-    def __init__(self, cell: Cell, carry: Carry, wait: Wait) -> None:
-        self._cell, self._carry, self._wait = cell, carry, wait
+    def __init__(self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True) -> None:
+        self._cell, self._carry, self._wait, self._by_arms = cell, carry, wait, by_arms
 
     def go_to_start(self, planned: CellRun, case_id: str) -> None:
         """Have the arms of a cell that was just opened put down what they hold, and go to the start. Raises TrialError.
@@ -53,14 +53,14 @@ class Reset:
 
     def set_in_place(self, planned: CellRun, case_id: str) -> None:
         """Have the arms put down what they hold and carry the object to where the case wants it; ask a person where
-        they cannot. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile,
+        they cannot, or are not to. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile,
         WayRefused where the arms have to go to the start first.
         """
         description, name = planned.run.description, planned.run.specification.object
         if planned.wanted is None:
             return
         self._put_down(description, name, case_id)
-        if not self._by_the_arms(description, name, planned.wanted, case_id):
+        if not (self._by_arms and self._place(description, name, planned.wanted, case_id)):
             self._by_a_person(description, name, planned.wanted, case_id)
 
     def _put_down(self, description: CellDescription, name: str, case_id: str) -> None:
@@ -69,7 +69,7 @@ class Reset:
             if reason := self._carry(down, Kind.PUT_DOWN, case_id).failure_reason:
                 raise ResetAborted(f"{name} could not be put down", reason)
 
-    def _by_the_arms(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
+    def _place(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
         """Return whether the object stands in its place, after some placements where it did not before."""
         specification = PlacementSpecification(name, 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg)
         try:

@@ -56,7 +56,8 @@ class CellRunner(Runner):
         if self._reset is None:
             cell = self._held.enter_context(self.host.kept_cell(planned.run))
             self._held.enter_context(self.host.watched())
-            self._reset, self._work_s = Reset(cell, self._carry_out, self._wait), time.monotonic()
+            by_arms = self._schedule.placed_by == "arms"
+            self._reset, self._work_s = Reset(cell, self._carry_out, self._wait, by_arms), time.monotonic()
         return self._reset
 
     def _prepare(self, stage: Stage) -> dict[str, str]:

@@ -3,7 +3,7 @@
 import random
 from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
@@ -23,7 +23,8 @@ class CellSchedule:
     control_every cases and at the end: its runs are no rows, and the report draws how the columns `drift` change over
     them. warm_up: how often it runs before everything, uncounted. work_min, rest_min: after so many minutes the arms
     rest for so long. failures_in_a_row: after so many cases in a row without success the campaign stops. late_cycles: a
-    case with more of them is run again, `attempts` times at most.
+    case with more of them is run again, `attempts` times at most. placed_by: who sets the object in its place before
+    each case: the arms, or a person alone, who is told where.
     """
 
     seed: Annotated[int, Field(ge=0)] = 0
@@ -36,6 +37,7 @@ class CellSchedule:
     failures_in_a_row: Annotated[int, Field(ge=1, le=1000)] = 10
     late_cycles: Annotated[int, Field(ge=0)] | None = None
     attempts: Annotated[int, Field(ge=1, le=10)] = 3
+    placed_by: Literal["arms", "person"] = "arms"
 
 
 def schedule_of(specification: object) -> CellSchedule:
