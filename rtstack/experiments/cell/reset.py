@@ -53,8 +53,8 @@ class Reset:
 
     def set_in_place(self, planned: CellRun, case_id: str) -> None:
         """Have the arms put down what they hold and carry the object to where the case wants it; ask a person where
-        they cannot, or are not to. Returns once it stands there, measured. Raises TrialError where a stop is asked for meanwhile,
-        WayRefused where the arms have to go to the start first.
+        they cannot, or are not to. Returns once it stands there, measured. Raises TrialError where a stop is asked for
+        meanwhile, WayRefused where the arms have to go to the start first.
         """
         description, name = planned.run.description, planned.run.specification.object
         if planned.wanted is None:
