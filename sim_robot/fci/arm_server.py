@@ -125,7 +125,7 @@ class ArmServer:
         self._recovery_id: int | None = None  # asked for while the arm still brakes
         self._braking_ms = 0  # since the reflex
         self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
-        self._tolerances = Tolerances.NONE
+        self._tolerances = Tolerances()
         self._rest()
 
     # what the server asks
