@@ -158,6 +158,19 @@ def _mapped(path: Path) -> NDArray[Any]:
         return np.ndarray(shape, dtype, mmap(file.fileno(), 0, access=ACCESS_READ), data)
 
 
+@dataclass(frozen=True, slots=True)
+class LogColumns:
+    """Where a log's columns are, and how far they are."""
+
+    folder: Path
+    index: Index
+
+    def of(self, topic: str) -> "Columns | None":
+        """Return the columns of a topic, None while there are none. Raises Refused."""
+        rows = self.index.rows.get(topic, 0)
+        return Columns(self.folder, topic, rows) if rows else None
+
+
 class Columns:
     """The columns of one topic, read-only, mapped into memory: only what is looked at is read.
 

@@ -49,16 +49,15 @@ def drawn_logs(
     name = own.entry.path.stem
     found = []
     if not difference:
-        found.append(FigureLog(name, _traces(curves(own.folder, own.index, wanted, window)), spans, impacts))
+        found.append(FigureLog(name, _traces(curves(own, wanted, window)), spans, impacts))
     for other, offset_s in overlays:
         title = other.entry.path.stem
         if difference:
-            both = (own.folder, own.index), (other.folder, other.index)
-            made = _traces(difference_curves(*both, wanted, window, offset_s))
+            made = _traces(difference_curves(own, other, wanted, window, offset_s))
             found.append(FigureLog(f"{title} - {name}", made, spans, impacts))
         else:
             moved = Window(start_s - offset_s, end_s - offset_s, _POINTS)
-            made = _traces(curves(other.folder, other.index, wanted, moved))
+            made = _traces(curves(other, wanted, moved))
             found.append(FigureLog(title, made, offset_s=offset_s))
     return found
 

@@ -85,12 +85,12 @@ def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
     try:
         cursor = Cursor.model_validate_json(text)
         read = begun(parts.catalogue, parts.review_cache, log_id)
-        found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
+        found = moment(read, wanted_signals(cursor.signals), cursor.t)
         pose = _pose(found, read)
         ghost = there = None
         if cursor.other:
             other = begun(parts.catalogue, parts.review_cache, cursor.other)
-            there = moment(other.folder, other.index, wanted_signals(cursor.signals), cursor.t - cursor.offset)
+            there = moment(other, wanted_signals(cursor.signals), cursor.t - cursor.offset)
             ghost = _pose(there, other)
     except ValidationError as error:
         return {"error": str(error.errors()[0]["msg"])}
