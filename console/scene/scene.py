@@ -13,6 +13,7 @@ import viser
 from numpy.typing import NDArray
 
 from console.scene.meshes import GROWN_M, LINKS, Part, full_parts, hull_parts, light_parts
+from console.teleoperation.quaternion import product
 from hal.base.arrays import Array
 from hal.limits import DOF
 from hal.robots import RobotModel
@@ -53,9 +54,7 @@ def joints_of(model: RobotModel) -> tuple[Joint, ...]:
 
 def turned(joint: Joint, angle: float) -> Array:
     """Return the orientation of a joint's child in its parent, quaternion wxyz, at `angle` rad."""
-    w, x, y, z = joint.wxyz
-    c, s = np.cos(angle / 2.0), np.sin(angle / 2.0)
-    return np.array([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s])
+    return product(joint.wxyz, (np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)))
 
 
 @dataclass(frozen=True, slots=True)
