@@ -8,9 +8,10 @@ The index in the folder grows with every batch, so that a page shows the beginni
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def _mode_name(mode: int) -> str:
     return Mode(mode).name if mode in Mode._value2member_map_ else "UNKNOWN"
 
 
-def _marks(records: NDArray, start_ns: int) -> list[Mark]:
+def _marks(records: Iterable[Any], start_ns: int) -> list[Mark]:
     return [
         Mark(
             t_s=(int(record["t_ns"]) - start_ns) * _NS,
@@ -76,7 +77,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
 
     begun: called once, when the first part can be seen.
     """
-    sides = [side for side, arm in zip(SIDES, ARM_TOPICS, strict=True) if log.count(arm)] or list(SIDES)
+    sides = log.sides
     no_arm = tuple(f"/{side}/" for side in SIDES if side not in sides)
     topics = [topic for topic in CURVES if not topic.startswith(no_arm)]
     index = Index(log.start_ns, log.duration_s, dict.fromkeys(topics, 0))
@@ -87,19 +88,19 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
     deriving = DerivedBatches(log)
     modes = {side: _Modes(log.start_ns) for side in sides}
     events = list(index.events)
+
+    def append(found: Iterable[tuple[str, NDArray]]) -> None:
+        for topic, records in found:
+            if topic in writers:
+                writers[topic].append(records)
+
     try:
         parent = os.getppid()
         for batch in log.batches([*PLOTTED_TOPICS, EVENT_TOPIC]):
             if os.getppid() != parent:
                 raise SystemExit(1)  # the parent has gone, and starts again
-            for topic, records in batch.records.items():
-                if topic == EVENT_TOPIC:
-                    events += _marks(records, log.start_ns)
-                elif topic in writers:
-                    writers[topic].append(records)
-            for topic, records in deriving.add(batch.records):
-                if topic in writers:
-                    writers[topic].append(records)
+            events += _marks(batch.records.get(EVENT_TOPIC, ()), log.start_ns)
+            append((*batch.records.items(), *deriving.add(batch.records)))
             for side in sides:
                 modes[side].add(batch.records.get(CONTROL_TOPICS[SIDES.index(side)], np.zeros(0)))
             index = replace(
@@ -112,9 +113,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
             index.write(folder)
             begun()
             begun = _nothing
-        for topic, records in deriving.rest():
-            if topic in writers:
-                writers[topic].append(records)
+        append(deriving.rest())
     finally:
         for writer in writers.values():
             writer.close()
