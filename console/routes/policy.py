@@ -12,11 +12,11 @@ What a policy sees over its socket, and its answers on their way into the mailbo
 
 import asyncio
 import time
-from base64 import b64encode
 from contextlib import suppress
 from functools import cached_property
 from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from pydantic import Field, TypeAdapter, ValidationError
@@ -206,10 +206,4 @@ def _take(policy: PolicyInput, text: str, end_lease: Any, name: str) -> str | No
 
 def _plain(observation: Observation) -> dict[str, Any]:
     """Return an observation as JSON-ready values."""
-    arrays = {key: getattr(observation, key) for key in ("q", "dq", "pose", "pose_ref", "force", "object_pose")}
-    numbers = {key: getattr(observation, key) for key in ("number", "t_ns", "t_s")}
-    pictures = {
-        name: {"t_ns": each.t_ns, "jpeg": b64encode(each.jpeg).decode()} for name, each in observation.pictures.items()
-    }
-    values = {key: None if value is None else value.tolist() for key, value in arrays.items()}
-    return numbers | values | {"pictures": pictures}
+    return msgspec.to_builtins(observation, enc_hook=np.ndarray.tolist)  # bytes become base64
