@@ -26,6 +26,7 @@ from rtstack.samples import SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
 _NS = 1e-9
+_MODES, _LEVELS = ({int(member): member.name for member in kind} for kind in (Mode, Level))
 
 
 class _Modes:
@@ -43,7 +44,7 @@ class _Modes:
         changes = np.flatnonzero(np.diff(records["mode"])) + 1
         starts = [0, *changes.tolist()]
         for start, end in zip(starts, [*changes.tolist(), len(records) - 1], strict=True):
-            mode = _mode_name(int(records["mode"][start]))
+            mode = _MODES.get(int(records["mode"][start]), "UNKNOWN")
             if self.spans and self.spans[-1][2] == mode:
                 self.spans[-1] = (self.spans[-1][0], float(t_s[end]), mode)
             else:
@@ -52,15 +53,11 @@ class _Modes:
                 self.spans.append((float(t_s[start]), float(t_s[end]), mode))
 
 
-def _mode_name(mode: int) -> str:
-    return Mode(mode).name if mode in Mode._value2member_map_ else "UNKNOWN"
-
-
 def _marks(records: Iterable[Any], start_ns: int) -> list[Mark]:
     return [
         Mark(
             t_s=(int(record["t_ns"]) - start_ns) * _NS,
-            level=Level(int(record["level"])).name if record["level"] in Level._value2member_map_ else "INFO",
+            level=_LEVELS.get(int(record["level"]), "INFO"),
             name=bytes(record["name"]).decode("utf-8", "replace"),
             text=bytes(record["text"]).decode("utf-8", "replace"),
         )

@@ -317,7 +317,9 @@ class TeleopInput:
         with self._lock:
             self._notice()
             if phase == "end":
-                self._end_drag(side)
+                self._grips.end_drag(side, self._asked)
+                if self._by_grip and self._by is not None and not self._grips.dragged:
+                    self.release(self._by)
                 return
             self._grips.dragged.add(side)
             if self._drag_is_late():
@@ -345,11 +347,6 @@ class TeleopInput:
         if late:
             self._late = "not applied: no sign of life has come with the drag"
         return True
-
-    def _end_drag(self, side: int) -> None:
-        self._grips.end_drag(side, self._asked)
-        if self._by_grip and self._by is not None and not self._grips.dragged:
-            self.release(self._by)
 
     def _ask(self, asked: Array) -> None:
         self._refusal = self._why_not(asked)
