@@ -5,7 +5,6 @@ Degrees of freedom: seven joints of each arm, in the order of `Scene.sides`, the
 actuators, no joint limits (the reflexes watch those).
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -34,20 +33,6 @@ _MASKS = {
     "object": {"contype": _OBJECT, "conaffinity": _LEFT | _RIGHT},
     "table": {"contype": _TABLE, "conaffinity": _LEFT | _RIGHT | _OBJECT},
 }
-
-
-@dataclass(frozen=True, slots=True)
-class CellModel:
-    """The compiled model and where things are in it. Body indices (n,) are in the order of `Scene.sides`.
-
-    pad_bodies: what is on the flange, a pad or a hand; finger_bodies: two of each hand.
-    """
-
-    model: mujoco.MjModel
-    pad_bodies: tuple[int, ...]
-    finger_bodies: tuple[tuple[int, ...], ...]
-    link1_bodies: tuple[int, ...]
-    object_body: int
 
 
 def _quaternion(R: Array) -> Array:
@@ -171,17 +156,10 @@ def _add_wedge(world: mujoco.MjsBody, friction: float, thing: GraspObject, place
 def build_cell(
     scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...],
     stiffness: tuple[float | None, ...],
-) -> CellModel:  # fmt: skip
+) -> mujoco.MjModel:  # fmt: skip
     """Compile the cell, with its contacts set. stiffness: see set_contacts. Raises UnknownObject."""
     model = cell_spec(scene, object_name, placement, arms).compile()
     if model.nv != JOINTS * len(arms) + 6:
         raise ValueError(f"the cell has {model.nv} degrees of freedom, expected {JOINTS * len(arms) + 6}")
     set_contacts(model, scene, scene.find(object_name), stiffness)
-
-    with_hands = [(side, place.hand is not None) for side, place in zip(scene.sides, scene.arms, strict=True)]
-    ends = tuple(model.body(f"{side}_{'hand' if hand else 'pad'}").id for side, hand in with_hands)
-    fingers = tuple(
-        tuple(model.body(f"{side}_finger{number}").id for number in (1, 2) if hand) for side, hand in with_hands
-    )
-    link1_bodies = tuple(model.body(f"{side}_link1").id for side in scene.sides)
-    return CellModel(model, ends, fingers, link1_bodies, model.body("object").id)
+    return model

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -277,7 +278,8 @@ class ArmServer:
         self.message_id += 1
         wire["message_id"] = self.message_id
         wire["controller_mode"], wire["motion_generator_mode"] = self._mode_shown
-        wire["robot_mode"] = RobotMode.AUTOMATIC_ERROR_RECOVERY if self._recovers else box.mode
+        recovers = any(request[1] == Command.AUTOMATIC_ERROR_RECOVERY for request in self._requests)
+        wire["robot_mode"] = RobotMode.AUTOMATIC_ERROR_RECOVERY if recovers else box.mode
         wire["control_command_success_rate"] = box.success_rate
         sampled = box.sampled_torque
         if sampled is not None:  # the plant's last ms may have been before this torque came
@@ -297,10 +299,6 @@ class ArmServer:
         while self._requests and self._requests[0][0] < self._shown:
             _, command, command_id, values = self._requests.pop(0)
             self._carry_out(command, command_id, values)
-
-    @property
-    def _recovers(self) -> bool:
-        return any(request[1] == Command.AUTOMATIC_ERROR_RECOVERY for request in self._requests)
 
     def show_new(self) -> None:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
@@ -412,8 +410,8 @@ class ArmServer:
             Command.SET_COLLISION_BEHAVIOR: settings.set_collision_behavior,
             Command.SET_JOINT_IMPEDANCE: settings.set_joint_impedance,
             Command.SET_CARTESIAN_IMPEDANCE: settings.set_cartesian_impedance,
-            Command.SET_EE_TO_K: settings.set_EE_T_K,
-            Command.SET_NE_TO_EE: settings.set_NE_T_EE,
+            Command.SET_EE_TO_K: partial(settings.set_frame, "EE_T_K"),
+            Command.SET_NE_TO_EE: partial(settings.set_frame, "NE_T_EE"),
             Command.SET_LOAD: settings.set_load,
             # says which axes a hand may guide; no hand guides a simulated arm, so the mode Guiding never comes
             Command.SET_GUIDING_MODE: lambda guided: None,

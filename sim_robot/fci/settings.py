@@ -113,14 +113,12 @@ class Settings:
         record["face_T_EE"] = self._face_T_NE @ record["NE_T_EE"]
         record["face_T_K"] = record["face_T_EE"] @ record["EE_T_K"]
 
-    def set_NE_T_EE(self, values: tuple[float, ...]) -> None:
-        """Place the end effector in the nominal end-effector frame: 16 numbers, column-major."""
-        self.record["NE_T_EE"] = _transform(values)
-        self._chain()
+    def set_frame(self, name: str, values: tuple[float, ...]) -> None:
+        """Place NE_T_EE, the end effector in its nominal frame, or EE_T_K, the stiffness frame in the end effector.
 
-    def set_EE_T_K(self, values: tuple[float, ...]) -> None:
-        """Place the stiffness frame in the end effector: 16 numbers, column-major."""
-        self.record["EE_T_K"] = _transform(values)
+        values: 16 numbers, column-major.
+        """
+        self.record[name] = _transform(values)
         self._chain()
 
     def set_load(self, values: tuple[float, ...]) -> None:
