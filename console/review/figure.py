@@ -8,7 +8,6 @@ from io import BytesIO
 import numpy as np
 
 from console.refused import Refused
-from console.review.columns import Index
 from console.review.logs import ReadLog
 from console.review.series import Curves, Window, curves, difference_curves
 from rtstack.figures.log_data import arm_of
@@ -45,7 +44,9 @@ def drawn_logs(
 ) -> list[FigureLog]:  # fmt: skip
     """Return what a figure of a log and of others over it shows, or of the others' difference to it."""
     window = Window(start_s, end_s, _POINTS)
-    spans, impacts = _spans(own.index), _impacts(own.index)
+    told = next(iter(own.index.modes.values()), [])  # of the first arm
+    spans = tuple(Span(from_s, to_s, Mode[mode]) for from_s, to_s, mode in told if mode in Mode.__members__)
+    impacts = tuple((mark.t_s, arm_of(mark.text)) for mark in own.index.events if mark.name == "impact")
     name = own.entry.path.stem
     found = []
     if not difference:
@@ -79,12 +80,3 @@ def _traces(found: Sequence[Curves]) -> tuple[Trace, ...]:
             both = np.stack([part.low[row], part.high[row]], axis=1).ravel()
             traces.append(Trace(known[name], t_s, part.low[row] if part.bucket == 1 else both))
     return tuple(traces)
-
-
-def _spans(index: Index) -> tuple[Span, ...]:
-    told = next(iter(index.modes.values()), [])  # of the first arm
-    return tuple(Span(start_s, end_s, Mode[mode]) for start_s, end_s, mode in told if mode in Mode.__members__)
-
-
-def _impacts(index: Index) -> tuple[tuple[float, str], ...]:
-    return tuple((mark.t_s, arm_of(mark.text)) for mark in index.events if mark.name == "impact")

@@ -42,7 +42,8 @@ class Cursor(BaseModel):
 @router.get("/viser/review/{detail}/{view}/{path:path}")
 async def page(detail: Detail, view: str, path: str, request: Request, parts: NeedsParts) -> Response:
     """Pass on a file of the review scene's page."""
-    _check(view)
+    if not _VIEW.fullmatch(view):
+        raise HTTPException(404, "not a view: eight to 64 letters, digits and hyphens")
     return await pass_on_page(await run_in_threadpool(parts.review_scenes.server, detail), path, request)
 
 
@@ -103,8 +104,3 @@ def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
 
 def _pose(found: Moment, log: ReadLog) -> Pose:
     return Pose(found.q, str((log.entry.trial or {}).get("object", "")), found.object, found.sides)
-
-
-def _check(view: str) -> None:
-    if not _VIEW.fullmatch(view):
-        raise HTTPException(404, "not a view: eight to 64 letters, digits and hyphens")
