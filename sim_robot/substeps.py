@@ -30,18 +30,9 @@ DIVERGED = 1e3
 # one record an arm; units as in JointParameters, torques in Nm
 JOINT_RECORD = np.dtype(
     [
-        ("B", "f8", JOINTS),
-        ("B_theta", "f8", JOINTS),
-        ("K", "f8", JOINTS),
-        ("D", "f8", JOINTS),
-        ("friction_p1", "f8", JOINTS),
-        ("friction_p2", "f8", JOINTS),
-        ("friction_p3", "f8", JOINTS),
+        *((name, "f8", JOINTS) for name in ("B", "B_theta", "K", "D", "friction_p1", "friction_p2", "friction_p3")),
         ("friction_offset", "f8", JOINTS),  # p1 / (1 + exp(-p2 p3))
-        ("gravity_factor", "f8", JOINTS),
-        ("hold_stiffness", "f8", JOINTS),
-        ("hold_damping", "f8", JOINTS),
-        ("hold_tau_max", "f8", JOINTS),
+        *((name, "f8", JOINTS) for name in ("gravity_factor", "hold_stiffness", "hold_damping", "hold_tau_max")),
         ("payload_error", "f8"),  # kg on the flange that the robot was not told of
     ]
 )

@@ -126,48 +126,35 @@ class Generator(IntEnum):
 GENERATOR_IDLE = 0
 
 ERRORS = 41
+
+
+def _floats(size: int, *names: str) -> list[tuple[str, str, int]]:
+    return [(name, "<f4", size) for name in names]
+
+
 ROBOT_STATE = np.dtype(
     [
         ("message_id", "<u8"),
-        ("O_T_EE", "<f4", 16),
-        ("O_T_EE_d", "<f4", 16),
-        ("F_T_EE", "<f4", 16),
-        ("EE_T_K", "<f4", 16),
-        ("F_T_NE", "<f4", 16),
-        ("NE_T_EE", "<f4", 16),
+        *_floats(16, "O_T_EE", "O_T_EE_d", "F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"),
         ("m_ee", "<f4"),
         ("I_ee", "<f4", 9),
         ("F_x_Cee", "<f4", 3),
         ("m_load", "<f4"),
         ("I_load", "<f4", 9),
         ("F_x_Cload", "<f4", 3),
-        ("elbow", "<f4", 2),
-        ("elbow_d", "<f4", 2),
-        ("tau_J", "<f4", 7),
-        ("tau_J_d", "<f4", 7),
-        ("dtau_J", "<f4", 7),
-        ("q", "<f4", 7),
-        ("q_d", "<f4", 7),
-        ("dq", "<f4", 7),
-        ("dq_d", "<f4", 7),
-        ("ddq_d", "<f4", 7),
+        *_floats(2, "elbow", "elbow_d"),
+        *_floats(7, "tau_J", "tau_J_d", "dtau_J", "q", "q_d", "dq", "dq_d", "ddq_d"),
         ("joint_contact", "<f4", 7),
         ("cartesian_contact", "<f4", 6),
         ("joint_collision", "<f4", 7),
         ("cartesian_collision", "<f4", 6),
         ("tau_ext_hat_filtered", "<f4", 7),
-        ("O_F_ext_hat_K", "<f4", 6),
-        ("K_F_ext_hat_K", "<f4", 6),
-        ("O_dP_EE_d", "<f4", 6),
+        *_floats(6, "O_F_ext_hat_K", "K_F_ext_hat_K", "O_dP_EE_d"),
         ("O_ddP_O", "<f4", 3),
-        ("elbow_c", "<f4", 2),
-        ("delbow_c", "<f4", 2),
-        ("ddelbow_c", "<f4", 2),
+        *_floats(2, "elbow_c", "delbow_c", "ddelbow_c"),
         ("O_T_EE_c", "<f4", 16),
-        ("O_dP_EE_c", "<f4", 6),
-        ("O_ddP_EE_c", "<f4", 6),
-        ("theta", "<f4", 7),
-        ("dtheta", "<f4", 7),
+        *_floats(6, "O_dP_EE_c", "O_ddP_EE_c"),
+        *_floats(7, "theta", "dtheta"),
         ("accelerometer_top", "<f4", (6, 3)),
         ("accelerometer_bottom", "<f4", (6, 3)),
         ("motion_generator_mode", "u1"),
