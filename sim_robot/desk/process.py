@@ -59,11 +59,8 @@ class DeskProcess:
 
     def close(self) -> None:
         """End it."""
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
         try:
-            self._process.wait(_END_S)
+            self._process.communicate(timeout=_END_S)  # its standard input ends
         except subprocess.TimeoutExpired:
             self._process.kill()
-            self._process.wait()
+            self._process.communicate()

@@ -6,13 +6,14 @@ import numpy as np
 
 from hal.compilation import compiled
 from hal.state import RobotMode
+from hal.wire import ROBOT_COMMAND
 from sim_robot.arm_description import JOINTS
 from sim_robot.control_box import ControlBox
 from sim_robot.fci import joint_motion
 from sim_robot.fci.cartesian_motion import CMG_VELOCITY_JUMP, follow_cartesian
 from sim_robot.fci.joint_motion import DT, JOINT_VELOCITY
 from sim_robot.fci.pose_step import inverse_step, turn
-from sim_robot.fci.protocol import ROBOT_COMMAND, Controller, Generator
+from sim_robot.fci.protocol import Controller, Generator
 from sim_robot.fci.robot_state import ELBOW_FLIP, MOTION_RECORD, product
 from sim_robot.kinematics import KINEMATICS_RECORD, cholesky, forward_kinematics, solve
 from sim_robot.plant import Plant
