@@ -153,32 +153,25 @@ class ArmServer:
         message_id = int(command["message_id"])
         if not self.moving or self.answered or not self.first_id <= message_id <= self.message_id:
             return
-        finished = bool(command["torque_command_finished"] or command["motion_generation_finished"])
-        if self.asynchronous:
-            if finished:  # it carries no target
-                self._finish(MoveStatus.SUCCESS)
-            else:
-                self.box.take_command(command)
-                self.settle_outcome()
-            return
-        shown_ns = self._shown_ns
-        if self.patient:
-            self.first_id = message_id + 1
-        elif message_id < self.message_id:
-            shown_ns = self._shown_before_ns
-            if self.link.arrived_ns > shown_ns + self.period_ns:
-                return
-        elif self.link.arrived_ns > self.due_ns:
-            stalled = time.time_ns() - self.due_ns >= self.period_ns
-            if not stalled or self.silent >= LONGEST_SILENCE:
-                return
-        self.answered = self.joined = True
-        self.answers.note(max(0, self.link.arrived_ns - shown_ns))
-        if finished:
-            self._finish(MoveStatus.SUCCESS)
-            return
-        self.box.take_command(command)
-        self.settle_outcome()
+        if not self.asynchronous:
+            shown_ns = self._shown_ns
+            if self.patient:
+                self.first_id = message_id + 1
+            elif message_id < self.message_id:
+                shown_ns = self._shown_before_ns
+                if self.link.arrived_ns > shown_ns + self.period_ns:
+                    return
+            elif self.link.arrived_ns > self.due_ns:
+                stalled = time.time_ns() - self.due_ns >= self.period_ns
+                if not stalled or self.silent >= LONGEST_SILENCE:
+                    return
+            self.answered = self.joined = True
+            self.answers.note(max(0, self.link.arrived_ns - shown_ns))
+        if command["torque_command_finished"] or command["motion_generation_finished"]:
+            self._finish(MoveStatus.SUCCESS)  # an asynchronous motion's carries no target
+        else:
+            self.box.take_command(command)
+            self.settle_outcome()
 
     def _finish(self, status: MoveStatus) -> None:
         goal = self._tolerances.goal

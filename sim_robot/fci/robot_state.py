@@ -22,9 +22,7 @@ MOTION_RECORD = np.dtype(
         ("beyond", "i8"),  # commands beyond the published limits that the robot tolerated
         ("with_elbow", "i8"),  # 1: the last command carried an elbow
         ("following", "i8"),  # 1: nothing is desired but what is measured (torque control)
-        ("q_d", "f8", JOINTS),
-        ("dq_d", "f8", JOINTS),
-        ("ddq_d", "f8", JOINTS),
+        *((name, "f8", JOINTS) for name in ("q_d", "dq_d", "ddq_d")),
         ("asynchronous", "i8"),  # 1: the client sends targets when it likes, and the robot finds the way
         ("target", "f8", JOINTS),
         ("largest_velocity", "f8", JOINTS),  # on the way there
@@ -34,9 +32,7 @@ MOTION_RECORD = np.dtype(
         ("O_T_EE_c", "f8", (4, 4)),
         ("O_dP_EE_c", "f8", 6),
         ("O_ddP_EE_c", "f8", 6),
-        ("elbow_c", "f8", 2),
-        ("delbow_c", "f8", 2),
-        ("ddelbow_c", "f8", 2),
+        *((name, "f8", 2) for name in ("elbow_c", "delbow_c", "ddelbow_c")),
         ("watching", "i8"),  # 1: moving, so that an upper threshold is a collision
         ("joint_contact", "f8", JOINTS),
         ("cartesian_contact", "f8", 6),

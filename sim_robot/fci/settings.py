@@ -12,10 +12,7 @@ from sim_robot.hand_parameters import FrankaHand
 # Transforms are row-major here. thresholds: lower and upper while accelerating, lower and upper at constant velocity.
 SETTINGS_RECORD = np.dtype(
     [
-        ("F_T_EE", "f8", (4, 4)),
-        ("EE_T_K", "f8", (4, 4)),
-        ("F_T_NE", "f8", (4, 4)),
-        ("NE_T_EE", "f8", (4, 4)),
+        *((name, "f8", (4, 4)) for name in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE")),
         ("face_T_EE", "f8", (4, 4)),  # from the pad's face, where the sensors estimate the wrench
         ("face_T_K", "f8", (4, 4)),
         ("face_T_F", "f8", (4, 4)),  # the flange in the pad's face
