@@ -4,7 +4,7 @@ One record is one contiguous block: the loop copies it in one go, compiled code 
 schema is made from it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -90,15 +90,7 @@ class ArmState:
         """Return a state of zeros with valid transforms and mode OTHER."""
         record = np.zeros(1, ARM_STATE)
         record["O_T_EE"][0] = np.eye(4)
-        return cls(
-            record=record,
-            q=record["q"][0],
-            dq=record["dq"][0],
-            tau_J=record["tau_J"][0],
-            tau_ext_hat_filtered=record["tau_ext_hat_filtered"][0],
-            O_T_EE=record["O_T_EE"][0],
-            O_F_ext_hat_K=record["O_F_ext_hat_K"][0],
-        )
+        return cls(record, *(record[field.name][0] for field in fields(cls) if field.name != "record"))
 
     @property
     def t_ns(self) -> int:

@@ -23,7 +23,7 @@ from sim_robot import reflexes
 from sim_robot.clock import PacedLockstep
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
-from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
+from sim_robot.faults.injection import BASE_READING, BASE_START, FaultyTracker, Injection
 from sim_robot.faults.kinds import ScriptedFault
 from sim_robot.gripper import SimulatedGripper
 from sim_robot.hand import Hand
@@ -140,7 +140,7 @@ class SimulatedCell:
         disturbed = bool(faults) or empty
         self.faults = Injection(faults, plant, self.boxes, empty) if disturbed else None
         tracker = tracker_of(plant, parameters.tracker, seed)
-        self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
+        self.tracker = tracker if self.faults is None else FaultyTracker(tracker, self.faults)
         # None: no hand is mounted
         self.hands = tuple(
             None if place.hand is None else Hand(plant, side, place.hand) for side, place in enumerate(scene.arms)

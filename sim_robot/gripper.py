@@ -1,5 +1,6 @@
 """A hand of the simulated cell in one process: a hal.gripper.Gripper. Its commands let the cell's time go on."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from hal.errors import ConnectionLost, GripperAborted, GripperFailed, NoGripper
@@ -32,25 +33,21 @@ class SimulatedGripper:
 
     def homing(self) -> bool:
         """Find the largest width."""
-        self._check()
-        return self._carry_out(self._hand.homing())
+        return self._carry_out(self._hand.homing)
 
     def move(self, width: float, speed: float) -> bool:
         """Bring the fingers to a width, m, at a speed, m/s."""
-        self._check()
-        return self._carry_out(self._hand.move(width, speed))
+        return self._carry_out(self._hand.move, width, speed)
 
     def grasp(
         self, width: float, speed: float, force: float, epsilon_inner: float = 0.005, epsilon_outer: float = 0.005
     ) -> bool:
         """Close until a force, N, is felt, and hold on."""
-        self._check()
-        return self._carry_out(self._hand.grasp(width, speed, force, epsilon_inner, epsilon_outer))
+        return self._carry_out(self._hand.grasp, width, speed, force, epsilon_inner, epsilon_outer)
 
     def stop(self) -> bool:
         """Let go."""
-        self._check()
-        return self._carry_out(self._hand.stop())
+        return self._carry_out(self._hand.stop)
 
     def close(self) -> None:
         """Nothing can be commanded any more."""
@@ -60,14 +57,14 @@ class SimulatedGripper:
         if self._closed:
             raise ConnectionLost(f"{self._name} was closed; open it again")
 
-    def _check(self) -> None:
+    def _carry_out(self, ordered: Callable[..., Order], *numbers: float) -> bool:
         self._check_open()
         if any(box.mode == RobotMode.MOVE for box in self._cell.boxes):
             raise GripperFailed(
                 f"{self._name} moves in one process with its arms, and they would lose packets: stop them"
             )
 
-    def _carry_out(self, order: Order) -> bool:
+        order = ordered(*numbers)
         while order.outcome is None:
             self._cell.next_state()
         if order.outcome == Outcome.FAIL:

@@ -49,17 +49,6 @@ class Order:
     outcome: Outcome | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Window:
-    """Where an object counts as grasped, m."""
-
-    lower: float
-    upper: float
-
-    def holds(self, width: float) -> bool:
-        return self.lower < width < self.upper
-
-
 class Hand:
     """The hand of an arm, by its index. Units m, m/s, N. `advance` is called once a ms, after the plant's."""
 
@@ -72,7 +61,7 @@ class Hand:
         # a width that closes by dw squeezes two springs by dw / 2 each
         self._closing_per_n = 2.0 * FORCE_GAIN / parameters.stiffness
         self._order: Order | None = None
-        self._window: _Window | None = None  # of the grasp that runs, or holds
+        self._window: tuple[float, float] | None = None  # m, of the grasp that runs, or holds
         self._homing = self._holding = False
         self._letting_go: Outcome | None = None  # how the order ends once nothing is touched any more
         self._goal, self._speed, self._force = self.width, parameters.max_speed, parameters.max_force
@@ -92,7 +81,11 @@ class Hand:
     @property
     def is_grasped(self) -> bool:
         """True while something of the grasp's width is held."""
-        return self._holding and self._window is not None and self._window.holds(self.width)
+        return self._holding and self._in_window
+
+    @property
+    def _in_window(self) -> bool:
+        return self._window is not None and self._window[0] < self.width < self._window[1]
 
     def homing(self) -> Order:
         """Open as far as the fingers go, which is then max_width."""
@@ -116,7 +109,7 @@ class Hand:
             return self._refused()
         held = self.is_grasped
         order = self._begin(0.0, speed, force)
-        self._window = _Window(width - epsilon_inner, width + epsilon_outer)
+        self._window = width - epsilon_inner, width + epsilon_outer
         if held:
             self._let_go(Outcome.UNSUCCESSFUL)
         return order
@@ -205,7 +198,7 @@ class Hand:
         if self._window is not None:
             self._held_ms = self._held_ms + 1 if squeeze >= HELD_SHARE * self._force else 0
             if self._held_ms >= HELD_MS or self.width <= CLOSED_M:
-                if self._window.holds(self.width):
+                if self._in_window:
                     self._holding = True
                     self._finish(Outcome.SUCCESS)
                 else:

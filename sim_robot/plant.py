@@ -1,5 +1,6 @@
 """The plant: one arm or two with flexible joints and an object before them, stepped by the millisecond."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import chain
 
@@ -101,11 +102,16 @@ class Plant:
             for model, twin in zip(self.robots, twins, strict=True)
         )
         stiffness = tuple(twin.contact_stiffness for twin in twins)
-        cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms), stiffness)
-        self.model, self.data = cell.model, mujoco.MjData(cell.model)
+        self.model = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms), stiffness)
+        self.data = mujoco.MjData(self.model)
         self.ticks = 0  # ms since the start
-        # what is on the flanges, a pad or a hand, and where in it an arm is pushed: the middle of its face
-        self.pad_bodies, self.finger_bodies, self._object_body = cell.pad_bodies, cell.finger_bodies, cell.object_body
+        # what is on the flanges, and where in it an arm is pushed: the middle of its face
+        hands = [(side, place.hand is not None) for side, place in zip(scene.sides, scene.arms, strict=True)]
+        self.pad_bodies = self._bodies(f"{side}_{'hand' if hand else 'pad'}" for side, hand in hands)
+        self.finger_bodies = tuple(
+            self._bodies(f"{side}_finger{number}" for number in (1, 2) if hand) for side, hand in hands
+        )
+        (self._object_body,), links = self._bodies(["object"]), self._bodies(f"{side}_link1" for side in scene.sides)
         ends = [
             place.hand.tip_offset_z if place.hand else pad.size[2] / 2.0
             for place, pad in zip(scene.arms, scene.pads, strict=True)
@@ -130,14 +136,13 @@ class Plant:
         collision = (model.geom_contype, model.geom_conaffinity, model.body_contype, model.body_conaffinity)
         self.look_at_all = bound(look_at_all, masks, *collision)
         # what is remembered of where the geoms are: near["fixed"] = 1 has MuJoCo look at all of them, always
-        hand = any(place.hand is not None for place in scene.arms)
-        self.near = near_of(model, cell.link1_bodies, cell.object_body, hand)
+        self.near = near_of(model, links, self._object_body, any(hand for _, hand in hands))
         # compiled, or loaded from the cache, before a clock runs
         self._advance_millisecond = bound(
             advance_millisecond,
             self.model._address, data._address, data.qpos, data.qvel, data.qfrc_applied, data.qfrc_constraint,
             data.xanchor, data.xaxis, data.subtree_com, self.model.body_subtreemass,
-            np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors, pairs_of(model), masks, self.near,
+            np.array(links, dtype=np.int64), self.joints, self.motors, pairs_of(model), masks, self.near,
             *collision, model.geom_type, model.geom_size, model.geom_rbound, data.geom_xpos, data.geom_xmat,
         )  # fmt: skip
 
@@ -148,6 +153,9 @@ class Plant:
         """Return a plant without any scatter, the object exactly in its place."""
         exact = replace(scene, placement_scatter=PlacementScatter(0.0, 0.0))
         return cls(exact, parameters.nominal(), object_name, displacement, seed=0)
+
+    def _bodies(self, names: Iterable[str]) -> tuple[int, ...]:
+        return tuple(self.model.body(name).id for name in names)
 
     def _fill(self, side: int, arm: DrawnArm, parameters: PlantParameters) -> None:
         joint, motor, data = self.joints[side], self.motors[side], self.data

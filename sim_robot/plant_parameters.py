@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from hal.base.arrays import Seven
 from hal.base.configuration import from_document, load_toml
@@ -148,20 +149,12 @@ class PlantParameters:
 
     def nominal(self) -> "PlantParameters":
         """Return the same plant without scatter, noise and quantisation. Friction, filters, limits stay."""
-        quiet = replace(
-            self.sensors,
-            q_quantum=0.0,
-            q_noise=0.0,
-            dq_noise=0.0,
-            theta_noise=0.0,
-            dtheta_noise=0.0,
-            tau_J_noise=ZEROS,
-            tau_ext_noise=ZEROS,
-        )
+        silent: dict[str, Any] = dict.fromkeys(("q_quantum", "q_noise", "dq_noise", "theta_noise", "dtheta_noise"), 0.0)
+        silent |= dict.fromkeys(("tau_J_noise", "tau_ext_noise"), ZEROS)
         return replace(
             self,
             scatter=Scatter(*(0.0 for _ in fields(Scatter))),
-            sensors=quiet,
+            sensors=replace(self.sensors, **silent),
             tracker=replace(self.tracker, position_noise_mm=0.0, orientation_noise_deg=0.0),
         )
 

@@ -7,7 +7,7 @@ The profile `ideal` has zeros only, and changes no bit of what the simulated rob
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import exp, log, sqrt
+from math import exp, log
 from pathlib import Path
 
 import numpy as np
@@ -255,13 +255,9 @@ class Spread:
         """Return a duration, ms. Nothing is drawn where there is none."""
         if not self.most:
             return 0.0
-        low, mode, high = log(self.least), log(self.usual), log(self.most)
-        if low == high:
+        if self.least == self.most:
             return self.most
-        u, width = generator.random(), high - low
-        if u * width < mode - low:
-            return exp(low + sqrt(u * width * (mode - low)))
-        return exp(high - sqrt((1.0 - u) * width * (high - mode)))
+        return exp(generator.triangular(log(self.least), log(self.usual), log(self.most)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,18 +30,9 @@ DIVERGED = 1e3
 # one record an arm; units as in JointParameters, torques in Nm
 JOINT_RECORD = np.dtype(
     [
-        ("B", "f8", JOINTS),
-        ("B_theta", "f8", JOINTS),
-        ("K", "f8", JOINTS),
-        ("D", "f8", JOINTS),
-        ("friction_p1", "f8", JOINTS),
-        ("friction_p2", "f8", JOINTS),
-        ("friction_p3", "f8", JOINTS),
+        *((name, "f8", JOINTS) for name in ("B", "B_theta", "K", "D", "friction_p1", "friction_p2", "friction_p3")),
         ("friction_offset", "f8", JOINTS),  # p1 / (1 + exp(-p2 p3))
-        ("gravity_factor", "f8", JOINTS),
-        ("hold_stiffness", "f8", JOINTS),
-        ("hold_damping", "f8", JOINTS),
-        ("hold_tau_max", "f8", JOINTS),
+        *((name, "f8", JOINTS) for name in ("gravity_factor", "hold_stiffness", "hold_damping", "hold_tau_max")),
         ("payload_error", "f8"),  # kg on the flange that the robot was not told of
     ]
 )
@@ -99,10 +90,8 @@ def advance_millisecond(
                 motor.tau_gravity[j] -= unknown
                 motor.tau_ext[j] += unknown
     near = nears[0]
-    stale = near.fixed != 0
-    for i in range(qpos.shape[0]):
-        if qpos[i] != near.qpos[i]:  # it was put there: where the geoms are is not known before the next step
-            stale = True
+    # where something was put, it is not known before the next step where the geoms are
+    stale = near.fixed != 0 or np.any(qpos != near.qpos)
     for _ in range(SUBSTEPS):
         if stale:
             look_at_all(masks, contype, conaffinity, body_contype, body_conaffinity)
@@ -146,15 +135,13 @@ def advance_millisecond(
                 motor.tau_ext[j] -= (qfrc_constraint[i] + motor.tau_applied[j]) / SUBSTEPS
                 if not abs(motor.dtheta[j]) < DIVERGED:
                     return False
-        for i in range(qvel.shape[0]):
-            if not abs(qvel[i]) < DIVERGED:
-                return False
+        if not np.all(np.abs(qvel) < DIVERGED):
+            return False
     for arm in range(arms):
         joint, motor = joints[arm], motors[arm]
         for j in range(JOINTS):
             i = arm * JOINTS + j
             motor.tau_J[j] = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (motor.dtheta[j] - qvel[i])
             motor.dq[j] = qvel[i]
-    for i in range(qpos.shape[0]):
-        near.qpos[i] = qpos[i]
+    near.qpos[:] = qpos
     return True

@@ -22,7 +22,6 @@ from rtstack.calibration.outcome import outcome
 from rtstack.calibration.points import load_points
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.run import fastest_playback
-from rtstack.references.acceptance import Acceptance
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, cell_parameters
@@ -30,14 +29,6 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.extraction import extract
 
 Progress = Callable[[float], None]
-
-
-def _extraction(path: Path, cell: CellDescription, acceptance: Acceptance, progress: Progress) -> dict[str, Any]:
-    return asdict(extract(path, cell, acceptance, progress))
-
-
-def _fastest(path: Path, cell: CellDescription, _: None, progress: Progress) -> float:
-    return fastest_playback(path, cell)
 
 
 def _calibration(path: Path, cell: CellDescription, today: str, progress: Progress) -> dict[str, Any]:
@@ -52,8 +43,8 @@ def _path(path: Path, cell: CellDescription, _: None, progress: Progress) -> dic
 
 
 QUESTIONS: dict[str, Callable[[Path, CellDescription, Any, Progress], Any]] = {
-    "extraction": _extraction,
-    "fastest": _fastest,
+    "extraction": lambda path, cell, acceptance, progress: asdict(extract(path, cell, acceptance, progress)),
+    "fastest": lambda path, cell, _, progress: fastest_playback(path, cell),
     "calibration": _calibration,
     "path": _path,
 }

@@ -10,13 +10,12 @@ import shutil
 import subprocess
 import tempfile
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
 from console.child_process import end, start
-from console.review.columns import Index, read_index
+from console.review.columns import Index, LogColumns, read_index
 from rtstack.log_folder.catalogue import LogEntry
 
 FOLDER = ".review"
@@ -27,14 +26,6 @@ _REMEMBERED = 8  # logs whose indices are held, with their events
 _END_S = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
-    """Where a log's columns are, and how far they are; index is None until the first of them is there."""
-
-    folder: Path
-    index: Index | None
-
-
 class ReviewCache:
     """The columns of the logs of one directory. May be used from any thread."""
 
@@ -42,7 +33,7 @@ class ReviewCache:
         self._limit_bytes = limit_bytes
         self._lock = threading.Lock()
         self._readers: dict[Path, subprocess.Popen[bytes]] = {}
-        self._done: dict[str, tuple[LogEntry, Opened]] = {}  # by id, the most recently looked up last
+        self._done: dict[str, tuple[LogEntry, LogColumns]] = {}  # by id, the most recently looked up last
         self._borrowed: tempfile.TemporaryDirectory[str] | None = None
         self._directory = Path(logs) / FOLDER
         try:
@@ -52,7 +43,7 @@ class ReviewCache:
             self._borrowed = tempfile.TemporaryDirectory(prefix="rtstack-review-")
             self._directory = Path(self._borrowed.name)
 
-    def reopened(self, log_id: str) -> tuple[LogEntry, Opened] | None:
+    def reopened(self, log_id: str) -> tuple[LogEntry, LogColumns] | None:
         """Return a log that was read to its end and has not changed since, without looking through all logs."""
         with self._lock, contextlib.suppress(OSError):
             entry, opened = self._done.pop(log_id, (None, None))
@@ -65,8 +56,11 @@ class ReviewCache:
                 return entry, opened
         return None
 
-    def open(self, entry: LogEntry) -> Opened:
-        """Return a log's columns as far as they are, and start their conversion where none runs. Never waits."""
+    def open(self, entry: LogEntry) -> LogColumns | None:
+        """Return a log's columns as far as they are, None until the first of them is there. Never waits.
+
+        Starts their conversion where none runs.
+        """
         key = f"{entry.id}-{entry.size_bytes}-{int(entry.modified_s * 1e9)}"
         folder = self._directory / key
         with self._lock:
@@ -75,13 +69,13 @@ class ReviewCache:
             index = read_index(folder)
             if index is not None and index.done:
                 os.utime(folder)
-                self._done[entry.id] = entry, Opened(folder, index)
+                self._done[entry.id] = entry, LogColumns(folder, index)
                 while len(self._done) > _REMEMBERED:
                     del self._done[next(iter(self._done))]
             elif not begun and sum(process.poll() is None for process in self._readers.values()) < _AT_ONCE:
                 self._begin(entry.path, folder)
                 index = None
-            return Opened(folder, index)
+            return None if index is None else LogColumns(folder, index)
 
     def being_read(self, entry: LogEntry) -> bool:
         """Whether a process, ours or another console's, reads this log now."""

@@ -5,14 +5,14 @@ smallest and largest values of every BUCKET samples, `low` and `high` (signals, 
 column is contiguous, so that a curve is one piece of the file and a whole log at a glance is a 64th of it.
 """
 
-import json
 import os
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,20 +62,16 @@ class Index:
 
     def write(self, folder: Path) -> None:
         """Replace the folder's index in one step: a reader sees the old one or the new one."""
-        write_whole(folder / INDEX, json.dumps(asdict(self)))
+        write_whole(folder / INDEX, msgspec.json.encode(self))
 
 
 def read_index(folder: Path) -> Index | None:
     """Return the index of a folder, None where there is none, or one of another version."""
     try:
-        values: dict[str, Any] = json.loads((folder / INDEX).read_text())
-        if values.get("version") != VERSION:
-            return None
-        values["events"] = [Mark(**mark) for mark in values["events"]]
-        values["modes"] = {side: [tuple(span) for span in spans] for side, spans in values["modes"].items()}
-        return Index(**values)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        index = msgspec.json.decode((folder / INDEX).read_bytes(), type=Index)
+    except (OSError, msgspec.MsgspecError):
         return None
+    return index if index.version == VERSION else None
 
 
 def _file(folder: Path, topic: str, what: str) -> Path:
@@ -156,6 +152,19 @@ def _mapped(path: Path) -> NDArray[Any]:
     shape, dtype, data = _header(path)
     with open(path, "rb") as file:
         return np.ndarray(shape, dtype, mmap(file.fileno(), 0, access=ACCESS_READ), data)
+
+
+@dataclass(frozen=True, slots=True)
+class LogColumns:
+    """Where a log's columns are, and how far they are."""
+
+    folder: Path
+    index: Index
+
+    def of(self, topic: str) -> "Columns | None":
+        """Return the columns of a topic, None while there are none. Raises Refused."""
+        rows = self.index.rows.get(topic, 0)
+        return Columns(self.folder, topic, rows) if rows else None
 
 
 class Columns:

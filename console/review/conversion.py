@@ -8,9 +8,10 @@ The index in the folder grows with every batch, so that a page shows the beginni
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from rtstack.samples import SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
 _NS = 1e-9
+_MODES, _LEVELS = ({int(member): member.name for member in kind} for kind in (Mode, Level))
 
 
 class _Modes:
@@ -42,7 +44,7 @@ class _Modes:
         changes = np.flatnonzero(np.diff(records["mode"])) + 1
         starts = [0, *changes.tolist()]
         for start, end in zip(starts, [*changes.tolist(), len(records) - 1], strict=True):
-            mode = _mode_name(int(records["mode"][start]))
+            mode = _MODES.get(int(records["mode"][start]), "UNKNOWN")
             if self.spans and self.spans[-1][2] == mode:
                 self.spans[-1] = (self.spans[-1][0], float(t_s[end]), mode)
             else:
@@ -51,15 +53,11 @@ class _Modes:
                 self.spans.append((float(t_s[start]), float(t_s[end]), mode))
 
 
-def _mode_name(mode: int) -> str:
-    return Mode(mode).name if mode in Mode._value2member_map_ else "UNKNOWN"
-
-
-def _marks(records: NDArray, start_ns: int) -> list[Mark]:
+def _marks(records: Iterable[Any], start_ns: int) -> list[Mark]:
     return [
         Mark(
             t_s=(int(record["t_ns"]) - start_ns) * _NS,
-            level=Level(int(record["level"])).name if record["level"] in Level._value2member_map_ else "INFO",
+            level=_LEVELS.get(int(record["level"]), "INFO"),
             name=bytes(record["name"]).decode("utf-8", "replace"),
             text=bytes(record["text"]).decode("utf-8", "replace"),
         )
@@ -76,7 +74,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
 
     begun: called once, when the first part can be seen.
     """
-    sides = [side for side, arm in zip(SIDES, ARM_TOPICS, strict=True) if log.count(arm)] or list(SIDES)
+    sides = log.sides
     no_arm = tuple(f"/{side}/" for side in SIDES if side not in sides)
     topics = [topic for topic in CURVES if not topic.startswith(no_arm)]
     index = Index(log.start_ns, log.duration_s, dict.fromkeys(topics, 0))
@@ -87,19 +85,19 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
     deriving = DerivedBatches(log)
     modes = {side: _Modes(log.start_ns) for side in sides}
     events = list(index.events)
+
+    def append(found: Iterable[tuple[str, NDArray]]) -> None:
+        for topic, records in found:
+            if topic in writers:
+                writers[topic].append(records)
+
     try:
         parent = os.getppid()
         for batch in log.batches([*PLOTTED_TOPICS, EVENT_TOPIC]):
             if os.getppid() != parent:
                 raise SystemExit(1)  # the parent has gone, and starts again
-            for topic, records in batch.records.items():
-                if topic == EVENT_TOPIC:
-                    events += _marks(records, log.start_ns)
-                elif topic in writers:
-                    writers[topic].append(records)
-            for topic, records in deriving.add(batch.records):
-                if topic in writers:
-                    writers[topic].append(records)
+            events += _marks(batch.records.get(EVENT_TOPIC, ()), log.start_ns)
+            append((*batch.records.items(), *deriving.add(batch.records)))
             for side in sides:
                 modes[side].add(batch.records.get(CONTROL_TOPICS[SIDES.index(side)], np.zeros(0)))
             index = replace(
@@ -112,9 +110,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
             index.write(folder)
             begun()
             begun = _nothing
-        for topic, records in deriving.rest():
-            if topic in writers:
-                writers[topic].append(records)
+        append(deriving.rest())
     finally:
         for writer in writers.values():
             writer.close()

@@ -8,7 +8,6 @@ from io import BytesIO
 import numpy as np
 
 from console.refused import Refused
-from console.review.columns import Index
 from console.review.logs import ReadLog
 from console.review.series import Curves, Window, curves, difference_curves
 from rtstack.figures.log_data import arm_of
@@ -45,20 +44,21 @@ def drawn_logs(
 ) -> list[FigureLog]:  # fmt: skip
     """Return what a figure of a log and of others over it shows, or of the others' difference to it."""
     window = Window(start_s, end_s, _POINTS)
-    spans, impacts = _spans(own.index), _impacts(own.index)
+    told = next(iter(own.index.modes.values()), [])  # of the first arm
+    spans = tuple(Span(from_s, to_s, Mode[mode]) for from_s, to_s, mode in told if mode in Mode.__members__)
+    impacts = tuple((mark.t_s, arm_of(mark.text)) for mark in own.index.events if mark.name == "impact")
     name = own.entry.path.stem
     found = []
     if not difference:
-        found.append(FigureLog(name, _traces(curves(own.folder, own.index, wanted, window)), spans, impacts))
+        found.append(FigureLog(name, _traces(curves(own, wanted, window)), spans, impacts))
     for other, offset_s in overlays:
         title = other.entry.path.stem
         if difference:
-            both = (own.folder, own.index), (other.folder, other.index)
-            made = _traces(difference_curves(*both, wanted, window, offset_s))
+            made = _traces(difference_curves(own, other, wanted, window, offset_s))
             found.append(FigureLog(f"{title} - {name}", made, spans, impacts))
         else:
             moved = Window(start_s - offset_s, end_s - offset_s, _POINTS)
-            made = _traces(curves(other.folder, other.index, wanted, moved))
+            made = _traces(curves(other, wanted, moved))
             found.append(FigureLog(title, made, offset_s=offset_s))
     return found
 
@@ -80,12 +80,3 @@ def _traces(found: Sequence[Curves]) -> tuple[Trace, ...]:
             both = np.stack([part.low[row], part.high[row]], axis=1).ravel()
             traces.append(Trace(known[name], t_s, part.low[row] if part.bucket == 1 else both))
     return tuple(traces)
-
-
-def _spans(index: Index) -> tuple[Span, ...]:
-    told = next(iter(index.modes.values()), [])  # of the first arm
-    return tuple(Span(start_s, end_s, Mode[mode]) for start_s, end_s, mode in told if mode in Mode.__members__)
-
-
-def _impacts(index: Index) -> tuple[tuple[float, str], ...]:
-    return tuple((mark.t_s, arm_of(mark.text)) for mark in index.events if mark.name == "impact")

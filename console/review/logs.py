@@ -8,8 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from console.refused import Refused
-from console.review.cache import Opened, ReviewCache
-from console.review.columns import Index
+from console.review.cache import ReviewCache
+from console.review.columns import LogColumns
 from rtstack.log.analysis.signals import Signal, signals
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
@@ -21,12 +21,10 @@ _QUIET_S = 3.0  # a log that grows is flushed every 0.25 s
 
 
 @dataclass(frozen=True, slots=True)
-class ReadLog:
-    """A log whose reading has begun. index: as far as it is."""
+class ReadLog(LogColumns):
+    """A log whose reading has begun."""
 
     entry: LogEntry
-    folder: Path
-    index: Index
 
 
 def listed(catalogue: Catalogue, log_id: str, none: str = "there is no such log; reload the list") -> LogEntry:
@@ -71,12 +69,12 @@ def growing(entry: LogEntry) -> bool:
     return entry.condition is LogCondition.TRUNCATED and time.time() - entry.modified_s < _QUIET_S
 
 
-def _readable(entry: LogEntry, columns: Opened) -> ReadLog | None:
-    if columns.index is None:
+def _readable(entry: LogEntry, columns: LogColumns | None) -> ReadLog | None:
+    if columns is None:
         return None
     if columns.index.error is not None:
         raise Refused(422, f"this log cannot be read: {columns.index.error}")
-    return ReadLog(entry, columns.folder, columns.index)
+    return ReadLog(columns.folder, columns.index, entry)
 
 
 def wanted_signals(names: str) -> list[Signal]:

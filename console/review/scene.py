@@ -46,8 +46,7 @@ class _Figures:
     """What moves in one page's scene. The ghost is drawn when it is first asked for."""
 
     def __init__(self, client: viser.ClientHandle, cell: CellDescription, full: bool) -> None:
-        self._client = client
-        self._cell = cell
+        self._client, self._cell = client, cell
         self._log = CellFigures(client.scene, cell, full)
         self._ghost: CellFigures | None = None
 
@@ -56,8 +55,7 @@ class _Figures:
         with self._client.atomic():
             _place(self._log, poses.log)
             if poses.ghost is not None and poses.ghost.q is not None:
-                if self._ghost is None:
-                    self._ghost = CellFigures(self._client.scene, self._cell, full=False, ghost=GHOST)
+                self._ghost = self._ghost or CellFigures(self._client.scene, self._cell, full=False, ghost=GHOST)
                 _place(self._ghost, poses.ghost)
             elif self._ghost is not None:
                 self._ghost.hide()
@@ -74,20 +72,19 @@ class _ReviewServer:
 
     def __init__(self, cell: CellDescription, detail: Detail, poses: OrderedDict[str, Poses]) -> None:
         self.server = SceneServer()
-        self._cell = cell
-        self._full = detail is Detail.FULL
-        self._poses = poses
+        self.close = self.server.close
         self._figures: dict[int, tuple[str, _Figures]] = {}
-        add_stage(self.server.viser, cell, self._full)
+        full = detail is Detail.FULL
+        add_stage(self.server.viser, cell, full)
         self.server.viser.initial_camera.position = _CAMERA
 
         @self.server.viser.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             view = VIEW.get()  # in the connection's own context: a callback in a thread would not have it
-            figures = _Figures(client, self._cell, self._full)
+            figures = _Figures(client, cell, full)
             self._figures[client.client_id] = view, figures
-            if view in self._poses:
-                figures.show(self._poses[view])
+            if view in poses:
+                figures.show(poses[view])
 
         @self.server.viser.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
@@ -99,9 +96,6 @@ class _ReviewServer:
         for figures in mine:
             figures.show(poses)
         return len(mine)
-
-    def close(self) -> None:
-        self.server.close()
 
 
 class ReviewScenes(SceneServers):

@@ -8,12 +8,11 @@ the window moves.
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from console.review.columns import BUCKET, Columns, Index
+from console.review.columns import BUCKET, Columns, LogColumns
 from rtstack.log.analysis.signals import Signal
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 
@@ -42,9 +41,9 @@ class Curves:
     high: NDArray[np.float32]
 
 
-def curves(folder: Path, index: Index, signals: Sequence[Signal], window: Window) -> list[Curves]:
+def curves(log: LogColumns, signals: Sequence[Signal], window: Window) -> list[Curves]:
     """Return the signals in a window, a sample beyond it on either side, grouped by topic."""
-    return [_topic_curves(folder, index, topic, wanted, window) for topic, wanted in _by_topic(signals).items()]
+    return [_topic_curves(log, topic, wanted, window) for topic, wanted in _by_topic(signals).items()]
 
 
 def _by_topic(signals: Sequence[Signal]) -> dict[str, list[Signal]]:
@@ -59,13 +58,12 @@ def _no_curves(topic: str, names: tuple[str, ...]) -> Curves:
     return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
 
 
-def _topic_curves(folder: Path, index: Index, topic: str, signals: list[Signal], window: Window) -> Curves:
+def _topic_curves(log: LogColumns, topic: str, signals: list[Signal], window: Window) -> Curves:
     names = tuple(signal.name for signal in signals)
-    rows = index.rows.get(topic, 0)
-    if not rows:
+    columns = log.of(topic)
+    if columns is None:
         return _no_curves(topic, names)
-    columns = Columns(folder, topic, rows)
-    first, last = _rows(columns.t_ns, index.start_ns, window)
+    first, last = _rows(columns.t_ns, log.index.start_ns, window)
     bucket = 1 << max(0, (last - first) // max(1, window.width)).bit_length()
     if last - first <= window.width:
         bucket = 1
@@ -74,12 +72,12 @@ def _topic_curves(folder: Path, index: Index, topic: str, signals: list[Signal],
     high = low if bucket == 1 else np.stack(
         [_reduced(columns, signal.column, first, last, bucket, np.fmax) for signal in signals]
     )  # fmt: skip
-    t_s = np.asarray((columns.t_ns[first:last:bucket] - index.start_ns) * _NS, np.float64)
+    t_s = np.asarray((columns.t_ns[first:last:bucket] - log.index.start_ns) * _NS, np.float64)
     return Curves(topic, names, bucket, t_s, low, high)
 
 
 def difference_curves(
-    own: tuple[Path, Index], other: tuple[Path, Index], signals: Sequence[Signal], window: Window, offset_s: float
+    own: LogColumns, other: LogColumns, signals: Sequence[Signal], window: Window, offset_s: float
 ) -> list[Curves]:
     """Return the other log's signals minus the own ones, at the own samples in a window; offset_s: added to its time.
 
@@ -90,18 +88,15 @@ def difference_curves(
 
 
 def _topic_difference(
-    own: tuple[Path, Index], other: tuple[Path, Index], topic: str, signals: list[Signal], window: Window,
-    offset_s: float,
-) -> Curves:  # fmt: skip
+    own: LogColumns, other: LogColumns, topic: str, signals: list[Signal], window: Window, offset_s: float
+) -> Curves:
     names = tuple(signal.name for signal in signals)
-    (folder, index), (other_folder, other_index) = own, other
-    rows, other_rows = index.rows.get(topic, 0), other_index.rows.get(topic, 0)
-    if not (rows and other_rows):
+    columns, others = own.of(topic), other.of(topic)
+    if columns is None or others is None:
         return _no_curves(topic, names)
-    columns, others = Columns(folder, topic, rows), Columns(other_folder, topic, other_rows)
-    first, last = _rows(columns.t_ns, index.start_ns, window)
-    t_s = np.asarray((columns.t_ns[first:last] - index.start_ns) * _NS, np.float64)
-    other_s = (others.t_ns - other_index.start_ns) * _NS + offset_s
+    first, last = _rows(columns.t_ns, own.index.start_ns, window)
+    t_s = np.asarray((columns.t_ns[first:last] - own.index.start_ns) * _NS, np.float64)
+    other_s = (others.t_ns - other.index.start_ns) * _NS + offset_s
     values = np.stack(
         [
             np.interp(t_s, other_s, others.value(signal.column), left=np.nan, right=np.nan)
@@ -172,18 +167,15 @@ class Moment:
     object: NDArray[np.float64] | None
 
 
-def moment(folder: Path, index: Index, signals: Sequence[Signal], t_s: float) -> Moment:
+def moment(log: LogColumns, signals: Sequence[Signal], t_s: float) -> Moment:
     """Return the newest samples at t_s."""
+    index = log.index
     t_ns = index.start_ns + round(t_s * 1e9)
     blocks: dict[str, tuple[int, NDArray[np.float32]]] = {}
-    needed = {signal.topic for signal in signals} | {*ARM_TOPICS, OBJECT_TOPIC}
-    for topic in needed:
-        rows = index.rows.get(topic, 0)
-        if not rows:
-            continue
-        columns = Columns(folder, topic, rows)
-        row = int(np.searchsorted(columns.t_ns, t_ns, side="right")) - 1
-        if row >= 0:
+    for topic in {signal.topic for signal in signals} | {*ARM_TOPICS, OBJECT_TOPIC}:
+        columns = log.of(topic)
+        row = -1 if columns is None else int(np.searchsorted(columns.t_ns, t_ns, side="right")) - 1
+        if columns is not None and row >= 0:
             blocks[topic] = int(columns.t_ns[row]), columns.block(row)
     values: dict[str, float | None] = {signal.name: None for signal in signals}
     for signal in signals:
@@ -205,8 +197,7 @@ def moment(folder: Path, index: Index, signals: Sequence[Signal], t_s: float) ->
 class Tabled:
     """A log in a table: its columns, what goes in front of its signals' names, and what is added to its time, s."""
 
-    folder: Path
-    index: Index
+    log: LogColumns
     prefix: str = ""
     offset_s: float = 0.0
 
@@ -238,10 +229,10 @@ def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float,
         yield "".join(f"{t * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True))
 
 
-def _rows_in_window(log: Tabled, topic: str, start_s: float, end_s: float) -> _Rows | None:
-    if not log.index.rows.get(topic, 0):
+def _rows_in_window(table: Tabled, topic: str, start_s: float, end_s: float) -> _Rows | None:
+    columns = table.log.of(topic)
+    if columns is None:
         return None
-    columns = Columns(log.folder, topic, log.index.rows[topic])
-    zero_ns = log.index.start_ns - round(log.offset_s * 1e9)
+    zero_ns = table.log.index.start_ns - round(table.offset_s * 1e9)
     first, last = _places(columns.t_ns, zero_ns, start_s, end_s)
     return _Rows(columns, columns.t_ns[first:last] - zero_ns, first)

@@ -174,20 +174,16 @@ def series(
         raise HTTPException(422, "start: has to be before `end`")
     window = Window(start, end, width)
     if other:
-        compared = _log(parts, other)
-        both = (read.folder, read.index), (compared.folder, compared.index)
-        found = difference_curves(*both, wanted, window, offset)
+        found = difference_curves(read, _log(parts, other), wanted, window, offset)
     else:
-        found = curves(read.folder, read.index, wanted, window)
-    data = packed(found)
-    return Response(data, media_type="application/octet-stream")
+        found = curves(read, wanted, window)
+    return Response(packed(found), media_type="application/octet-stream")
 
 
 @router.get("/{log_id}/values", responses=_OF_A_LOG)
 def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> ValuesAt:
     """Return the newest samples at a moment: values of signals, joints of the arms, the object's pose."""
-    read = _log(parts, log_id)
-    found = moment(read.folder, read.index, wanted_signals(signals), t)
+    found = moment(_log(parts, log_id), wanted_signals(signals), t)
     return ValuesAt(
         t_s=found.t_s,
         values=found.values,
@@ -209,10 +205,9 @@ def csv(
     """Send every sample of the signals in a window as a table. other: a compared log, whose time is moved by offset."""
     wanted = wanted_signals(signals)
     read = _log(parts, log_id)
-    tabled = [Tabled(read.folder, read.index)]
+    tabled = [Tabled(read)]
     if other:
-        compared = _log(parts, other)
-        tabled.append(Tabled(compared.folder, compared.index, "other.", offset))
+        tabled.append(Tabled(_log(parts, other), "other.", offset))
     name = f"{read.entry.path.stem}.csv".encode("ascii", "replace").decode().replace('"', "'")
     return StreamingResponse(
         csv_lines(tabled, wanted, start, end),

@@ -40,28 +40,21 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
     return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
 
 
-@router.get("/trials", response_class=HTMLResponse, dependencies=[takes_two_arms("a queue of trials")])
-def trials(request: Request, parts: NeedsParts) -> HTMLResponse:
-    """Return the page of the queue and of the trials that there are."""
-    return show("trials.html", "trials", request, parts, default_controller=DEFAULT, **_CHOICES)
+def _add(address: str, name: str, two_arms: str = "", **shown: object) -> None:
+    """Add a page that shows the same to everybody. name: of its template and in the rail; two_arms: what takes them."""
+
+    def page(request: Request, parts: NeedsParts) -> HTMLResponse:
+        return show(f"{name}.html", name, request, parts, **shown)
+
+    needs = [takes_two_arms(two_arms)] if two_arms else []
+    router.add_api_route(address, page, methods=["GET"], response_class=HTMLResponse, dependencies=needs, name=name)
 
 
-@router.get("/campaigns", response_class=HTMLResponse, dependencies=[takes_two_arms("a campaign of trials")])
-def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
-    """Return the page of all campaigns."""
-    return show("campaigns.html", "campaigns", request, parts, default_controller=DEFAULT, **_CHOICES)
-
-
-@router.get("/headset", response_class=HTMLResponse)
-def headset(request: Request, parts: NeedsParts) -> HTMLResponse:
-    """Return the page for a headset's browser."""
-    return show("headset.html", "headset", request, parts, reach=_REACH)
-
-
-@router.get("/access", response_class=HTMLResponse)
-def access(request: Request, parts: NeedsParts) -> HTMLResponse:
-    """Return the page of invitations, tokens and the audit trail."""
-    return show("access.html", "access", request, parts)
+_add("/trials", "trials", "a queue of trials", default_controller=DEFAULT, **_CHOICES)
+_add("/campaigns", "campaigns", "a campaign of trials", default_controller=DEFAULT, **_CHOICES)
+_add("/headset", "headset", reach=_REACH)  # for a headset's browser
+_add("/access", "access")  # invitations, tokens and the audit trail
+_add("/logs", "logs")
 
 
 @router.get("/recovery", response_class=HTMLResponse)
@@ -74,12 +67,6 @@ def recovery(request: Request, parts: NeedsParts) -> HTMLResponse:
 def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page on which a recording is looked at and decided about."""
     return show("recording.html", "operate", request, parts, log=recording_entry(parts, log_id))
-
-
-@router.get("/logs", response_class=HTMLResponse)
-def log_list(request: Request, parts: NeedsParts) -> HTMLResponse:
-    """Return the page of all logs."""
-    return show("logs.html", "logs", request, parts)
 
 
 @router.get("/logs/{log_id}", response_class=HTMLResponse)

@@ -12,11 +12,11 @@ What a policy sees over its socket, and its answers on their way into the mailbo
 
 import asyncio
 import time
-from base64 import b64encode
 from contextlib import suppress
 from functools import cached_property
 from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from pydantic import Field, TypeAdapter, ValidationError
@@ -55,8 +55,7 @@ class PolicyInput:
         self._bases = [base_frame(mounting) for mounting in cell.arms]
         self._arms = [rings.reader(f"/{side}/arm") for side in cell.sides]
         self._controls = [rings.reader(f"/{side}/control") for side in cell.sides]
-        self._object = rings.reader("/object/pose")
-        self._cameras, self._pictures = parts.watch.cameras, NewestPictures({})
+        self._watch, self._pictures = parts.watch, NewestPictures({})
         self._lease: tuple[int, int] | None = None
         self._number, self._began_ns = 0, 0
         self._shown: Observation | None = None
@@ -65,7 +64,6 @@ class PolicyInput:
         """Return what the arms say now, None without a lease or before the teleoperation says where they are to be."""
         lease = self._teleop.lease(self._name)
         arms, controls = ([reader.latest() for reader in readers] for readers in (self._arms, self._controls))
-        thing = self._object.latest()
         self._shown = None
         if lease is None or any(record is None for record in (*arms, *controls)):
             return None
@@ -78,21 +76,18 @@ class PolicyInput:
             self._look()
         self._number += 1
         pads = [in_world(base, arm) for base, arm in zip(self._bases, arms, strict=True)]
-        pose = None
-        if thing is not None and thing["seen"][0]:
-            pose = np.concatenate([thing["position"][0], thing["orientation_wxyz"][0]])
         self._shown = Observation(
             self._number, t_ns, (t_ns - self._began_ns) * 1e-9,
             np.stack([arm["q"] for arm in arms]), np.stack([arm["dq"] for arm in arms]),
             np.stack([pad[0] for pad in pads]), np.stack([control["pose_ref"] for control in controls]),
-            np.stack([pad[1] for pad in pads]), pose, self._pictures.at(t_ns),
+            np.stack([pad[1] for pad in pads]), self._watch.object_pose(), self._pictures.at(t_ns),
         )  # fmt: skip
         return self._shown
 
     def _look(self) -> None:
         self._pictures.close()
         try:
-            self._pictures = NewestPictures(self._cameras())
+            self._pictures = NewestPictures(self._watch.cameras())
         except OSError:  # the run has just ended, and its pictures with it
             self._pictures = NewestPictures({})
 
@@ -206,10 +201,4 @@ def _take(policy: PolicyInput, text: str, end_lease: Any, name: str) -> str | No
 
 def _plain(observation: Observation) -> dict[str, Any]:
     """Return an observation as JSON-ready values."""
-    arrays = {key: getattr(observation, key) for key in ("q", "dq", "pose", "pose_ref", "force", "object_pose")}
-    numbers = {key: getattr(observation, key) for key in ("number", "t_ns", "t_s")}
-    pictures = {
-        name: {"t_ns": each.t_ns, "jpeg": b64encode(each.jpeg).decode()} for name, each in observation.pictures.items()
-    }
-    values = {key: None if value is None else value.tolist() for key, value in arrays.items()}
-    return numbers | values | {"pictures": pictures}
+    return msgspec.to_builtins(observation, enc_hook=np.ndarray.tolist)  # bytes become base64

@@ -1,7 +1,6 @@
 """Recordings: what can be extracted from one, what a person thinks of it, and throwing it away."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydantic import TypeAdapter
 
 from console.parts import NeedsParts, NeedsSession, Parts, written_now
 from console.questions.questions import Question
-from console.review.columns import Columns, Index
+from console.review.columns import LogColumns
 from console.review.logs import listed, opened
 from console.routes.problems import file_of, problems
 from rtstack.figures.style import COLOURS
@@ -32,10 +31,10 @@ WIDTH, HEIGHT = 160, 36  # px
 _LEAST_N = 5.0  # of the height: noise does not fill the picture
 
 
-def forces_svg(folder: Path, index: Index) -> str:
+def forces_svg(log: LogColumns) -> str:
     """Return the drawing. Raises Refused."""
     colours = dict(zip(SIDES, COLOURS, strict=False))
-    peaks = {side: _peaks(folder, index, side) for side in index.sides}
+    peaks = {side: _peaks(log, side) for side in log.index.sides}
     highest = max(_LEAST_N, *(float(peak.max()) for peak in peaks.values()))
     lines = "".join(
         f'<polyline points="{_points(peak / highest)}" fill="none" stroke="{colours[side]}" stroke-width="1.3"/>'
@@ -45,12 +44,12 @@ def forces_svg(folder: Path, index: Index) -> str:
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}><title>{highest:.0f} N at most</title>{lines}</svg>'
 
 
-def _peaks(folder: Path, index: Index, side: str) -> np.ndarray:
+def _peaks(log: LogColumns, side: str) -> np.ndarray:
     """Return the largest force of each pixel, (WIDTH,) N."""
     signal, found = signals()[f"{side}.pad_force"], np.zeros(WIDTH)
-    rows = index.rows.get(signal.topic, 0)
-    if rows:
-        high = np.nan_to_num(Columns(folder, signal.topic, rows).high(signal.column))
+    columns = log.of(signal.topic)
+    if columns is not None:
+        high = np.nan_to_num(columns.high(signal.column))
         high = np.repeat(high, -(-WIDTH // len(high)))  # a short log has fewer buckets than there are pixels
         np.maximum.at(found, (np.arange(len(high)) * WIDTH / len(high)).astype(int), high)
     return found
@@ -127,7 +126,7 @@ def thumbnail(log_id: str, parts: NeedsParts) -> Response:
     read = opened(parts.catalogue, parts.review_cache, recording_entry(parts, log_id).id)
     if read is None or not read.index.done:
         return Response(status_code=202)
-    return Response(forces_svg(read.folder, read.index), media_type="image/svg+xml")
+    return Response(forces_svg(read), media_type="image/svg+xml")
 
 
 @router.post("/{log_id}/discard")

@@ -42,7 +42,8 @@ class Cursor(BaseModel):
 @router.get("/viser/review/{detail}/{view}/{path:path}")
 async def page(detail: Detail, view: str, path: str, request: Request, parts: NeedsParts) -> Response:
     """Pass on a file of the review scene's page."""
-    _check(view)
+    if not _VIEW.fullmatch(view):
+        raise HTTPException(404, "not a view: eight to 64 letters, digits and hyphens")
     return await pass_on_page(await run_in_threadpool(parts.review_scenes.server, detail), path, request)
 
 
@@ -85,12 +86,12 @@ def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
     try:
         cursor = Cursor.model_validate_json(text)
         read = begun(parts.catalogue, parts.review_cache, log_id)
-        found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
+        found = moment(read, wanted_signals(cursor.signals), cursor.t)
         pose = _pose(found, read)
         ghost = there = None
         if cursor.other:
             other = begun(parts.catalogue, parts.review_cache, cursor.other)
-            there = moment(other.folder, other.index, wanted_signals(cursor.signals), cursor.t - cursor.offset)
+            there = moment(other, wanted_signals(cursor.signals), cursor.t - cursor.offset)
             ghost = _pose(there, other)
     except ValidationError as error:
         return {"error": str(error.errors()[0]["msg"])}
@@ -103,8 +104,3 @@ def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
 
 def _pose(found: Moment, log: ReadLog) -> Pose:
     return Pose(found.q, str((log.entry.trial or {}).get("object", "")), found.object, found.sides)
-
-
-def _check(view: str) -> None:
-    if not _VIEW.fullmatch(view):
-        raise HTTPException(404, "not a view: eight to 64 letters, digits and hyphens")

@@ -29,7 +29,7 @@ from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.routes.control import report_stop
 from console.routes.problems import problems
 from console.routes.sockets import SIGNED_OUT
-from console.teleoperation.devices import OfArms, Placed
+from console.teleoperation.devices import OfArms
 from console.teleoperation.pair import Coupling
 from console.teleoperation.teleop_view import Handles, Lead, TeleopView
 from hal.base.arrays import Array
@@ -196,7 +196,7 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     if admission.drop is not None:
         return
     if pose is not None:
-        teleop.move(operator, Placed(pose))
+        teleop.move(operator, pose)
     if hands is not None:
         teleop.track(operator, [_unit(hand) for hand in hands])
     if message.lead is not None:

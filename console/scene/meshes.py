@@ -16,6 +16,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from hal.robots import RobotModel
+from rtstack.log.viewers.cell_urdf import shapes_of
 
 LINKS = tuple(f"link{number}" for number in range(8))
 _FOLDER = "cmeel.prefix/share/example-robot-data/robots"
@@ -86,19 +87,17 @@ def coarse(part: Part, cell_m: float) -> Part:
 
 def capsule_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the plain shapes of our own description of a link."""
-    element = ElementTree.fromstring(model.urdf).find(f"link[@name='{link}']")
     parts = []
-    for visual in [] if element is None else element.findall("visual"):
-        shape, origin = visual.find("geometry/*"), visual.find("origin")
-        if shape is None or origin is None:
-            continue
-        if shape.tag == "sphere":
-            mesh = trimesh.creation.icosphere(subdivisions=1, radius=float(shape.attrib["radius"]))
+    for shape in [one for one in shapes_of(model.urdf) if one.link == link]:
+        width, _, length = shape.size
+        if shape.kind == "sphere":
+            mesh = trimesh.creation.icosphere(subdivisions=1, radius=width / 2.0)
+        elif shape.kind == "box":
+            mesh = trimesh.creation.box(shape.size)
         else:
-            mesh = trimesh.creation.cylinder(float(shape.attrib["radius"]), float(shape.attrib["length"]), sections=16)
-        roll, pitch, yaw = _numbers(origin.attrib["rpy"])
-        transform = trimesh.transformations.euler_matrix(roll, pitch, yaw, "sxyz")
-        transform[:3, 3] = _numbers(origin.attrib["xyz"])
+            mesh = trimesh.creation.cylinder(width / 2.0, length, sections=16)
+        transform = trimesh.transformations.euler_matrix(*shape.rpy, "sxyz")
+        transform[:3, 3] = shape.position
         mesh.apply_transform(transform)
         parts.append(Part(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32), _PLAIN))
     return parts

@@ -5,17 +5,16 @@ Each arm is a chain of frames from our own description, so that seven rotations 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.etree import ElementTree
 
 import numpy as np
-import trimesh
 import viser
 from numpy.typing import NDArray
 
 from console.scene.meshes import GROWN_M, LINKS, Part, full_parts, hull_parts, light_parts
+from console.teleoperation.quaternion import product
 from hal.base.arrays import Array
 from hal.limits import DOF
-from hal.robots import RobotModel
+from rtstack.log.viewers.frames import JointPlacement, joint_placements
 from rtstack.model.cell_description import ArmMounting, CellDescription
 
 COLOURS = {"left": (86, 180, 233), "right": (230, 159, 0)}  # #56B4E9, #E69F00, Okabe-Ito: an arm's everywhere
@@ -29,33 +28,9 @@ _SMALLEST_OBJECT_MOVE = np.array([1e-3] * 3 + [3e-3] * 4)
 _SMALLEST_MOVE = 3e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
 
 
-@dataclass(frozen=True, slots=True)
-class Joint:
-    """Where a joint's frame is in its parent's, at zero: position m, quaternion wxyz. It turns about its own z."""
-
-    position: tuple[float, float, float]
-    wxyz: Array
-
-
-def joints_of(model: RobotModel) -> tuple[Joint, ...]:
-    """Return the joints of an arm, base first, and its flange as the last one."""
-    document = ElementTree.fromstring(model.urdf)
-    joints = []
-    for number in range(1, DOF + 2):
-        origin = document.find(f"joint[@name='joint{number}']/origin")
-        assert origin is not None
-        roll, pitch, yaw = (float(word) for word in origin.attrib["rpy"].split())
-        x, y, z = (float(word) for word in origin.attrib["xyz"].split())
-        wxyz = trimesh.transformations.quaternion_from_euler(roll, pitch, yaw, "sxyz")
-        joints.append(Joint((x, y, z), np.asarray(wxyz, np.float64)))
-    return tuple(joints)
-
-
-def turned(joint: Joint, angle: float) -> Array:
-    """Return the orientation of a joint's child in its parent, quaternion wxyz, at `angle` rad."""
-    w, x, y, z = joint.wxyz
-    c, s = np.cos(angle / 2.0), np.sin(angle / 2.0)
-    return np.array([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s])
+def turned(joint: JointPlacement, angle: float) -> Array:
+    """Return the orientation of a joint's child in its parent, quaternion wxyz, at `angle` rad about the joint's z."""
+    return product(joint.orientation_wxyz, (np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +56,7 @@ class ArmFigure:
         full: bool,
         ghost: Ghost | None = None,
     ) -> None:
-        *self._joints, flange = joints_of(mounting.robot)
+        *self._joints, flange = joint_placements(mounting.robot.urdf)
         self._frames: list[viser.FrameHandle] = []
         self._shown = np.full(DOF, np.inf)
         colour = COLOURS[side] if ghost is None else ghost.colour
@@ -94,7 +69,9 @@ class ArmFigure:
         _add_parts(scene, path, parts(mounting.robot, LINKS[0]), full, ghost)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
-            self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
+            self._frames.append(
+                scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.orientation_wxyz)
+            )
             _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
         pad = mounting.pad or cell.pad
         box = pad.F_T_box

@@ -25,11 +25,6 @@ class Detail(StrEnum):
     FULL = "full"
     LIGHT = "light"
 
-    @property
-    def frame_s(self) -> float:
-        """How often what is shown is brought up to date, s."""
-        return 1.0 / 30.0 if self is Detail.FULL else 1.0 / 20.0
-
 
 class _LiveScene:
     """One scene, its server, and the thread that keeps it up to date while it is shown."""
@@ -46,7 +41,7 @@ class _LiveScene:
         self._watch, self._plans, self._player = watch, plans, ghost
         self._ghost = CellFigures(self.server.viser.scene, cell, full=False, ghost=_GHOST)  # before it is needed
         self._ghost.hide()
-        self._frame_s = detail.frame_s
+        self._frame_s = 1.0 / 30.0 if detail is Detail.FULL else 1.0 / 20.0  # how often it is brought up to date
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
         self._thread.start()

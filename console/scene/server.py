@@ -83,11 +83,6 @@ async def _produce(
         await windows.aclose()  # now, and not when it is collected: it holds a cursor of the buffer
 
 
-def share_packing() -> None:
-    """Have every viser server of this process pack once for all pages."""
-    _infra._message_producer = _produce
-
-
 SECRET_HEADER = "x-rtstack-scene"
 VIEW_HEADER = "x-rtstack-view"
 # the page whose connection is being served, as our proxy names it: viser's callbacks do not see headers
@@ -101,7 +96,7 @@ class SceneServer:
 
     def __init__(self) -> None:
         self.secret = secrets.token_urlsafe(32)
-        share_packing()
+        _infra._message_producer = _produce  # every viser server of this process packs once for all pages
         with _guarded(self.secret), contextlib.redirect_stdout(io.StringIO()):
             self.viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self.port = self.viser.get_port()

@@ -1,14 +1,12 @@
-"""Input devices: one interface for all. A device only says which poses are requested.
+"""What input devices say, as requests: (arms, 7), position m and quaternion wxyz, in the world.
 
 A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. Another device is
-one more class here, or any program that sends poses or deflections over the WebSocket of teleoperation. `Grips` keeps
-where hands and gizmos that lead the pads, and the pads, were when they began to, and the drags to undo.
+one more function here, or any program that sends poses or deflections over the WebSocket of teleoperation. `Grips`
+keeps where hands and gizmos that lead the pads, and the pads, were when they began to, and the drags to undo.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,110 +21,39 @@ LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then it must be
 OfArms = Sequence[Array | None]  # of each arm of the cell, left before right; None: nothing is said of it
 
 
-class Device(Protocol):
-    """Turns what was asked before, (arms, 7), into what is asked for now."""
+def deflected(
+    asked: Array, deflections: OfArms, elapsed_s: float, speed_m_s: float, turn_rad_s: float, coupling: Coupling
+) -> Array:
+    """Return the requests after keys or sticks were held for elapsed_s.
 
-    def requests(self, asked: Array, coupling: Coupling) -> Array:
-        """Return the new requests (arms, 7): position m, quaternion wxyz, in the world."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Dragged:
-    """A grip that was moved from one pose (7,) to another since the hands were at `began` (arms, 7)."""
-
-    side: int  # place of its arm in the arrays
-    grip_began: Array
-    grip: Array
-    began: Array
-
-    def requests(self, asked: Array, coupling: Coupling) -> Array:
-        """See Device."""
-        turn = product(self.grip[3:], conjugate(self.grip_began[3:]))
-        return led(self.began, self.side, self.grip[:3] - self.grip_began[:3], turn, coupling)
-
-
-@dataclass(frozen=True, slots=True)
-class Placed:
-    """Hands whose poses (7,) are known: a program's, or tracked ones. None for a hand that stays."""
-
-    poses: OfArms
-
-    def requests(self, asked: Array, coupling: Coupling) -> Array:
-        """See Device. The poses are taken as they are: who gives poses couples them."""
-        poses = asked.copy()
-        for side, pose in enumerate(self.poses):
-            if pose is not None:
-                poses[side] = pose
-        return poses
-
-
-@dataclass(frozen=True, slots=True)
-class Tracked:
-    """Controllers in a person's hands, (7,) each, None for one that leads nothing: each pad goes as its hand has gone.
-
-    began: of each side that leads, the hand's pose and the requests (arms, 7) when it began to.
+    deflections: (6,) an arm, each from -1 to 1, along the world's axes and about them.
     """
-
-    hands: OfArms
-    began: Mapping[int, tuple[Array, Array]]
-
-    def requests(self, asked: Array, coupling: Coupling) -> Array:
-        """See Device. Two hands lead a pad each, whatever the coupling; by it one hand leads the other pad too."""
-        poses = asked.copy()
-        alone = sum(hand is not None for hand in self.hands) == 1
-        for side, hand in enumerate(self.hands):
-            if hand is not None:
-                hand_began, pads_began = self.began[side]
-                turn = product(hand[3:], conjugate(hand_began[3:]))
-                way = hand[:3] - hand_began[:3]
-                if alone and coupling is not Coupling.SEPARATE:
-                    return led(pads_began, side, way, turn, coupling)
-                poses[side] = led(pads_began, side, way, turn, Coupling.SEPARATE)[side]
-        return poses
+    step_s = min(elapsed_s, LONGEST_STEP_S)
+    for side, deflection in enumerate(deflections):
+        if deflection is not None and deflection.any():
+            bounded = np.clip(deflection, -1.0, 1.0)
+            shift = bounded[:3] * speed_m_s * step_s
+            asked = led(asked, side, shift, quaternion(bounded[3:] * turn_rad_s * step_s), coupling)
+    return asked
 
 
-@dataclass(frozen=True, slots=True)
-class Deflected:
-    """Keys or sticks: (6,) an arm, each from -1 to 1, along the world's axes and about them, held for elapsed_s."""
-
-    deflections: OfArms
-    elapsed_s: float
-    speed_m_s: float
-    turn_rad_s: float
-
-    def requests(self, asked: Array, coupling: Coupling) -> Array:
-        """See Device."""
-        step_s = min(self.elapsed_s, LONGEST_STEP_S)
-        for side, deflection in enumerate(self.deflections):
-            if deflection is not None and deflection.any():
-                bounded = np.clip(deflection, -1.0, 1.0)
-                shift = bounded[:3] * self.speed_m_s * step_s
-                asked = led(asked, side, shift, quaternion(bounded[3:] * self.turn_rad_s * step_s), coupling)
-        return asked
+def towards(asked: Array, goal: Array, elapsed_s: float, speed_m_s: float, turn_rad_s: float) -> Array:
+    """Return the requests after the hands were led to a goal (arms, 7), however they are coupled, for elapsed_s."""
+    step_s = min(elapsed_s, LONGEST_STEP_S)
+    poses = asked.copy()
+    for pose, end in zip(poses, goal, strict=True):
+        far, turned = float(np.linalg.norm(end[:3] - pose[:3])), angle_between(end[3:], pose[3:])
+        needed_s = max(far / speed_m_s, turned / turn_rad_s)
+        share = 1.0 if needed_s <= step_s else step_s / needed_s
+        pose[:3] += share * (end[:3] - pose[:3])
+        pose[3:] = product(quaternion(share * rotation_vector(product(end[3:], conjugate(pose[3:])))), pose[3:])
+        pose[3:] /= np.linalg.norm(pose[3:])
+    return poses
 
 
-@dataclass(frozen=True, slots=True)
-class Led:
-    """Hands that are led to a goal (arms, 7) at a speed, for elapsed_s: undo, straighten."""
-
-    goal: Array
-    elapsed_s: float
-    speed_m_s: float
-    turn_rad_s: float
-
-    def requests(self, asked: Array, coupling: Coupling) -> Array:
-        """See Device. The goal is of all hands, however they are coupled."""
-        step_s = min(self.elapsed_s, LONGEST_STEP_S)
-        poses = asked.copy()
-        for pose, goal in zip(poses, self.goal, strict=True):
-            far, turned = float(np.linalg.norm(goal[:3] - pose[:3])), angle_between(goal[3:], pose[3:])
-            needed_s = max(far / self.speed_m_s, turned / self.turn_rad_s)
-            share = 1.0 if needed_s <= step_s else step_s / needed_s
-            pose[:3] += share * (goal[:3] - pose[:3])
-            pose[3:] = product(quaternion(share * rotation_vector(product(goal[3:], conjugate(pose[3:])))), pose[3:])
-            pose[3:] /= np.linalg.norm(pose[3:])
-        return poses
+def _gone(began: Array, now: Array) -> tuple[Array, Array]:
+    """Return how far something has gone between two poses (7,): the way (3,), m, and the turn, a quaternion."""
+    return now[:3] - began[:3], product(now[3:], conjugate(began[3:]))
 
 
 class Grips:
@@ -145,13 +72,13 @@ class Grips:
         else:
             self._began.pop(side, None)
 
-    def drag(self, side: int, grip: Array, asked: Array, anew: bool) -> Dragged:
-        """Take a gizmo's pose (7,). anew: its drag begins."""
+    def drag(self, side: int, grip: Array, asked: Array, anew: bool, coupling: Coupling) -> Array:
+        """Return the requests for a gizmo's pose (7,). anew: its drag begins."""
         if anew or side not in self._began:
             self._began[side] = (grip, asked.copy())
             self.drags.append(asked.copy())
         grip_began, began = self._began[side]
-        return Dragged(side, grip_began, grip, began)
+        return led(began, side, *_gone(grip_began, grip), coupling)
 
     def end_drag(self, side: int, asked: Array | None) -> None:
         """Note that a gizmo was let go. A click is no drag."""
@@ -160,14 +87,25 @@ class Grips:
         if followed is not None and self.drags and asked is not None and _near(self.drags[-1], asked):
             self.drags.pop()
 
-    def track(self, hands: OfArms, asked: Array | None) -> Tracked:
-        """Take the hands' poses, (7,) each, None for one that leads nothing."""
+    def track(self, hands: OfArms, asked: Array, coupling: Coupling) -> Array:
+        """Return the requests for controllers in a person's hands, (7,) each, None for one that leads nothing.
+
+        Each pad goes as its hand has gone. Two hands lead a pad each, whatever the coupling; by it one hand leads the
+        other pad too.
+        """
+        poses = asked.copy()
+        alone = sum(hand is not None for hand in hands) == 1
         for side, hand in enumerate(hands):
-            if hand is None or asked is None:
+            if hand is None:
                 self._began.pop(side, None)
-            elif side not in self._began:
-                self._began[side] = (hand, asked.copy())
-        return Tracked(hands, self._began)
+                continue
+            hand_began, pads_began = self._began.setdefault(side, (hand, asked.copy()))
+            moved = _gone(hand_began, hand)
+            if alone and coupling is not Coupling.SEPARATE:
+                poses = led(pads_began, side, *moved, coupling)
+            else:
+                poses[side] = led(pads_began, side, *moved, Coupling.SEPARATE)[side]
+        return poses
 
 
 def _near(a: Array, b: Array) -> bool:

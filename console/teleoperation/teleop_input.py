@@ -14,7 +14,7 @@ from contextlib import suppress
 import numpy as np
 
 from console.live.watch import Watch
-from console.teleoperation.devices import Deflected, Device, Grips, Led, OfArms
+from console.teleoperation.devices import Grips, OfArms, deflected, towards
 from console.teleoperation.gate import OLDEST_COMMAND_S, Admission, Drop, Gate
 from console.teleoperation.pair import Coupling
 from console.teleoperation.quaternion import angle_between, squared
@@ -247,11 +247,14 @@ class TeleopInput:
         self._leases += policy is not None
         return 0 if policy is None else self._leases
 
-    def move(self, operator: str, device: Device) -> None:
-        """Ask for what a device says. Raises RobotRefused unless this operator holds the clutch."""
+    def move(self, operator: str, poses: OfArms) -> None:
+        """Ask for poses, (7,) each, as they are: who gives poses couples them. None: that hand stays.
+
+        Raises RobotRefused unless this operator holds the clutch.
+        """
         with self._lock:
-            self._held_request(operator)
-            self._ask(device)
+            asked = self._held_request(operator)
+            self._ask(np.array([now if pose is None else pose for now, pose in zip(asked, poses, strict=True)]))
 
     def track(self, operator: str, hands: OfArms) -> None:
         """Let each arm's pad go as the hand that leads it, (7,) in the world's axes; None: it leads nothing.
@@ -259,15 +262,17 @@ class TeleopInput:
         Raises RobotRefused as `move` does.
         """
         with self._lock:
-            self._notice()
-            self.move(operator, self._grips.track(hands, self._asked))
+            self._ask(self._grips.track(hands, self._held_request(operator), self._coupling))
 
     def jog(self, operator: str, deflections: OfArms) -> None:
         """Ask for what keys or sticks say of each arm, (6,), for the time since they last did.
 
         Raises RobotRefused as `move` does.
         """
-        self.move(operator, Deflected(deflections, self._elapsed_s(), self._speed, reach.TURN_RAD_M * self._speed))
+        elapsed_s = self._elapsed_s()
+        with self._lock:
+            asked = self._held_request(operator)
+            self._ask(deflected(asked, deflections, elapsed_s, *self._speeds, self._coupling))
 
     def lead(self, operator: str, lead: Lead) -> None:
         """Lead the hands, for the time since this was last said. Raises RobotRefused as `move` does, and where there is
@@ -285,7 +290,11 @@ class TeleopInput:
                     for pose in goal:
                         pose[3:] = squared(pose[3:])
                 self._goal = lead, goal
-            self._ask(Led(self._goal[1], elapsed_s, self._speed, reach.TURN_RAD_M * self._speed))
+            self._ask(towards(asked, self._goal[1], elapsed_s, *self._speeds))
+
+    @property
+    def _speeds(self) -> tuple[float, float]:
+        return self._speed, reach.TURN_RAD_M * self._speed  # m/s and rad/s
 
     def _held_request(self, operator: str) -> Array:
         """Return what is asked for. Raises RobotRefused unless this operator holds the clutch."""
@@ -308,7 +317,9 @@ class TeleopInput:
         with self._lock:
             self._notice()
             if phase == "end":
-                self._end_drag(side)
+                self._grips.end_drag(side, self._asked)
+                if self._by_grip and self._by is not None and not self._grips.dragged:
+                    self.release(self._by)
                 return
             self._grips.dragged.add(side)
             if self._drag_is_late():
@@ -320,7 +331,7 @@ class TeleopInput:
                 self._grips.let_go(side)
                 self._refusal = NO_CLUTCH
                 return
-            self._ask(self._grips.drag(side, grip, self._asked, phase == "start"))
+            self._ask(self._grips.drag(side, grip, self._asked, phase == "start", self._coupling))
 
     def _drag_is_late(self) -> bool:
         """Whether a drag must not be followed: the scene's client stamps nothing, so that a drag has the stamp of the
@@ -337,14 +348,7 @@ class TeleopInput:
             self._late = "not applied: no sign of life has come with the drag"
         return True
 
-    def _end_drag(self, side: int) -> None:
-        self._grips.end_drag(side, self._asked)
-        if self._by_grip and self._by is not None and not self._grips.dragged:
-            self.release(self._by)
-
-    def _ask(self, device: Device) -> None:
-        assert self._asked is not None
-        asked = device.requests(self._asked, self._coupling)
+    def _ask(self, asked: Array) -> None:
         self._refusal = self._why_not(asked)
         if self._refusal is None:
             self._asked = asked

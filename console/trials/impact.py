@@ -3,7 +3,6 @@
 Only the chunks of these 300 ms are read, so that a card is there at once; what was read is remembered.
 """
 
-import tomllib
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from hal.base.configuration import ConfigurationError, from_document
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.log_folder.catalogue import LogCondition, LogEntry
-from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.model.cell_description import base_frame
+from rtstack.references.recording import described_in
 from rtstack.samples import Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS
 
 # what is shown, and of which the largest values are taken: a displaced object meets the other arm later
 BEFORE_S, AFTER_S = 0.1, 0.2
 _EARLY_S = 0.02  # a force has risen for some ticks before the impact is detected
-_CELL = "cell.toml"
 _REMEMBERED = 256
 _MS = 1e3
 
@@ -103,12 +101,8 @@ def read_impact(path: Path) -> Impact | None:
 
 def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | None:
     """Return the distance of each pad from its reference (2, n), m; None where the log has no cell."""
-    text = next((each.data.decode() for each in log.attachments if each.name == _CELL), None)
-    if text is None:
-        return None
-    try:
-        cell = from_document(tomllib.loads(text), CellDescription, _CELL, text)
-    except (ConfigurationError, tomllib.TOMLDecodeError):
+    cell = described_in(log)
+    if cell is None:
         return None
     distances = []
     for mounting, arm, control in zip(cell.arms, arms, controls, strict=True):

@@ -79,7 +79,8 @@ class Journal:
             while entries:
                 entry = entries.pop()
                 line = self._undone(entry)
-                self._rewrite(entries)
+                left = "".join(json.dumps(entry) + "\n" for entry in entries)
+                _replace(self._path, left.encode(), 0o600)
                 if entry["kind"] == "folders":
                     self._path.unlink()
                     _remove([self._machine.root / name for name in entry["folders"]])
@@ -136,9 +137,6 @@ class Journal:
             file.write(json.dumps(entry).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
-
-    def _rewrite(self, entries: list[dict[str, Any]]) -> None:
-        _replace(self._path, "".join(json.dumps(entry) + "\n" for entry in entries).encode(), 0o600)
 
 
 def _digest(content: str | bytes) -> str:

@@ -180,11 +180,20 @@ def _interfaces(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Chan
         if re.search(rf"\b{re.escape(nic.name)}\b", machine.text("/etc/network/interfaces")):
             notes.append(f"/etc/network/interfaces names {nic.name} too: take it out there")
         if by_manager:
-            path, text = _manager_file(nic)
+            path = f"/etc/NetworkManager/system-connections/rtstack-{nic.name}.nmconnection"
             reload, mode = ("nmcli", "connection", "reload"), 0o600  # NetworkManager ignores what others can read
+            text = (
+                f"{_OURS}[connection]\nid=rtstack-{nic.name}\ntype=ethernet\ninterface-name={nic.name}\n\n"
+                f"[ethernet]\nmtu={MTU}\n\n[ipv4]\nmethod=manual\naddress1={nic.address}\nnever-default=true\n\n"
+                "[ipv6]\nmethod=disabled\n"
+            )
         else:
-            path, text = _networkd_file(nic)
+            path = f"/etc/systemd/network/10-rtstack-{nic.name}.network"
             reload, mode = ("networkctl", "reload"), 0o644
+            text = (
+                f"{_OURS}[Match]\nName={nic.name}\n\n[Link]\nMTUBytes={MTU}\n\n"
+                f"[Network]\nAddress={nic.address}\nDHCP=no\nLinkLocalAddressing=no\n"
+            )
         written = _file(machine, path, text, f"{nic.name}: a fixed address, no route, MTU {MTU}", mode)
         changes += _announced(written, reload, "the network", "the file is")
         if machine.run is not None:
@@ -252,22 +261,6 @@ def _units(machine: Machine, wishes: Wishes, cpus: list[int], isolated: list[int
             machine, CPUS, text, "only threads that select an isolated CPU run on it: the loop takes the last"
         )
     return _announced(written, ("systemctl", "daemon-reload"), "systemd", "they are")
-
-
-def _manager_file(nic: Interface) -> tuple[str, str]:
-    path = f"/etc/NetworkManager/system-connections/rtstack-{nic.name}.nmconnection"
-    return path, (
-        f"{_OURS}[connection]\nid=rtstack-{nic.name}\ntype=ethernet\ninterface-name={nic.name}\n\n"
-        f"[ethernet]\nmtu={MTU}\n\n[ipv4]\nmethod=manual\naddress1={nic.address}\nnever-default=true\n\n"
-        "[ipv6]\nmethod=disabled\n"
-    )
-
-
-def _networkd_file(nic: Interface) -> tuple[str, str]:
-    return f"/etc/systemd/network/10-rtstack-{nic.name}.network", (
-        f"{_OURS}[Match]\nName={nic.name}\n\n[Link]\nMTUBytes={MTU}\n\n"
-        f"[Network]\nAddress={nic.address}\nDHCP=no\nLinkLocalAddressing=no\n"
-    )
 
 
 def _file(machine: Machine, path: str, content: str, why: str, mode: int = 0o644) -> list[Change]:

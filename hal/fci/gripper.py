@@ -14,10 +14,9 @@ import pylibfranka as franka
 from hal.errors import ConnectionLost, GripperAborted, GripperFailed, HardwareError, NoGripper
 from hal.fci.faults import VENDOR
 from hal.gripper import GripperState
+from hal.wire import CONNECT, GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 
-# libfranka-common, research_interface/gripper: command port, version, header (command, id, size), Connect = 0
-PORT, VERSION = 1338, 3
-_HEADER, _CONNECT, _ANSWER = struct.Struct("<HII"), struct.Struct("<HH"), struct.Struct("<HIIHH")
+_ANSWER = struct.Struct("<HIIHH")  # to Connect, whose command is 0
 _SUCCESS, _INCOMPATIBLE = 0, 1
 PATIENCE_S = 1.0  # libfranka's own
 
@@ -29,11 +28,12 @@ def ask_for_gripper(address: str) -> int:
     """
     try:
         with (
-            socket.create_connection((address, PORT), PATIENCE_S) as tcp,
+            socket.create_connection((address, GRIPPER_PORT), PATIENCE_S) as tcp,
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp,
         ):
             udp.bind(("", 0))
-            tcp.sendall(_HEADER.pack(0, 0, _HEADER.size + _CONNECT.size) + _CONNECT.pack(VERSION, udp.getsockname()[1]))
+            asked = CONNECT.pack(GRIPPER_VERSION, udp.getsockname()[1])
+            tcp.sendall(GRIPPER_HEADER.pack(0, 0, GRIPPER_HEADER.size + len(asked)) + asked)
             answer = b""
             while len(answer) < _ANSWER.size:
                 chunk = tcp.recv(_ANSWER.size - len(answer))
@@ -47,7 +47,8 @@ def ask_for_gripper(address: str) -> int:
     *_, status, version = _ANSWER.unpack(answer)
     if status == _INCOMPATIBLE:
         raise HardwareError(
-            f"the gripper at {address} speaks version {version}, this libfranka {VERSION}; update the robot's system"
+            f"the gripper at {address} speaks version {version}, this libfranka {GRIPPER_VERSION}; "
+            "update the robot's system"
         )
     if status != _SUCCESS:
         raise NoGripper(f"the robot at {address} has no hand: mount one, in simulation by a scene with [left.hand]")

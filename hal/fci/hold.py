@@ -19,17 +19,8 @@ from numba import types
 from hal.base.arrays import Array
 from hal.base.realtime import beside_realtime
 from hal.compilation import bound, compiled
-from hal.fci.peeked_state import DATAGRAM
+from hal.wire import ROBOT_COMMAND, ROBOT_STATE
 
-# The fields of libfranka's state (research_interface/robot, version 10) that are needed here.
-COMMAND = np.dtype(
-    {
-        "names": ["message_id", "q_c", "tau_J_d"],
-        "formats": ["<u8", ("<f8", 7), ("<f8", 7)],
-        "offsets": [0, 8, 314],
-        "itemsize": 371,
-    }
-)
 GRACE_NS = 3_000_000  # a call that is over by then has cost three packets of 20; a robot's start takes about 2 ms
 # the arm is let go: it stops by itself, as where this host hangs. Longer than libfranka waits for a state, 1 s
 LONGEST_NS = 2_000_000_000
@@ -73,16 +64,15 @@ def _answer(words, watched, state, command, from_q_d, address, address_size, des
         )  # fmt: skip
         if size != state.itemsize:
             continue
-        for j in range(7):
-            if first:
-                faster[j] += abs(state[0].dq[j])
-            if not abs(state[0].dq[j]) <= faster[j]:
-                return
+        speeds = np.abs(state[0].dq)
+        if first:
+            faster += speeds
+        if not np.all(speeds <= faster):
+            return
         first = False
         command[0].message_id = state[0].message_id
         if from_q_d:
-            for j in range(7):
-                command[0].q_c[j] = state[0].q_d[j]
+            command[0].q_c[:] = state[0].q_d
         _sendto(
             np.int32(descriptor), command.ctypes.data, np.uint64(command.itemsize), np.int32(0),
             address.ctypes.data, np.uint32(_ADDRESS_BYTES),
@@ -129,7 +119,7 @@ class Hold:
         self.answers = 0
         self._begin, self._ended = begin, threading.Event()
         self._words = np.zeros(3, dtype=np.int64)
-        command, state = np.zeros(1, COMMAND), np.zeros(1, DATAGRAM)
+        command, state = np.zeros(1, ROBOT_COMMAND), np.zeros(1, ROBOT_STATE)
         q, tau = arm.last_command()
         from_q_d = q is not None and bool(np.isnan(q[0]))
         if q is not None:

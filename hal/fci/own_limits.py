@@ -12,10 +12,9 @@ import numpy as np
 
 from hal.errors import ConnectionLost, HardwareError
 from hal.limits import DOF, OwnLimits
+from hal.wire import CONNECT, HEADER, PORT, VERSION
 
-PORT, VERSION = 1337, 10
 PATIENCE_S = 3.0
-_HEADER, _CONNECT = struct.Struct("<III"), struct.Struct("<HH")
 _CONNECT_COMMAND, _MODEL_COMMAND = 0, 11
 
 
@@ -27,12 +26,12 @@ def ask_for_urdf(address: str) -> str:
             socket.create_connection((address, PORT), PATIENCE_S) as arm,
         ):
             states.bind(("", 0))
-            body = _CONNECT.pack(VERSION, states.getsockname()[1])
+            body = CONNECT.pack(VERSION, states.getsockname()[1])
             answer = b""
             for command, asked in ((_CONNECT_COMMAND, body), (_MODEL_COMMAND, b"")):
-                arm.sendall(_HEADER.pack(command, command + 1, _HEADER.size + len(asked)) + asked)
-                size = _HEADER.unpack(_receive(arm, _HEADER.size))[2]
-                answer = _receive(arm, size - _HEADER.size)
+                arm.sendall(HEADER.pack(command, command + 1, HEADER.size + len(asked)) + asked)
+                size = HEADER.unpack(_receive(arm, HEADER.size))[2]
+                answer = _receive(arm, size - HEADER.size)
     except (OSError, struct.error) as error:
         raise ConnectionLost(
             f"the arm at {address} does not answer with its model: {error}; check power, cable and FCI mode in Desk"

@@ -4,9 +4,6 @@ The kernel stamps each datagram on arrival (SO_TIMESTAMPNS, socket(7)). The firs
 which is the robot's time in ms. Where no other one waits it is the state that libfranka will read, and its values are
 taken from here, in one compiled call: libfranka gives them as lists of Python's, which takes a third of the time from a
 state to its answer.
-
-Source of the layout: libfranka's public headers (research_interface/robot/rbk_types.h), version 10: packed,
-little-endian.
 """
 
 import contextlib
@@ -18,33 +15,9 @@ from numba import types
 
 from hal.compilation import bound, compiled
 from hal.state import ArmState
+from hal.wire import ROBOT_STATE
 
-_PLACES = {
-    "message_id": ("<i8", 0),  # the robot's time, ms
-    "O_T_EE": (("<f4", 16), 8),  # column-major
-    "tau_J": (("<f4", 7), 512),
-    "tau_J_d": (("<f4", 7), 540),
-    "dtau_J": (("<f4", 7), 568),
-    "q": (("<f4", 7), 596),
-    "q_d": (("<f4", 7), 624),
-    "dq": (("<f4", 7), 652),
-    "tau_ext_hat_filtered": (("<f4", 7), 840),
-    "O_F_ext_hat_K": (("<f4", 6), 868),
-    "theta": (("<f4", 7), 1088),
-    "dtheta": (("<f4", 7), 1116),
-    "errors": (("u1", 41), 1290),
-    "robot_mode": ("u1", 1372),
-    "control_command_success_rate": ("<f4", 1373),
-}
-DATAGRAM = np.dtype(
-    {
-        "names": list(_PLACES),
-        "formats": [kind for kind, _ in _PLACES.values()],
-        "offsets": [offset for _, offset in _PLACES.values()],
-        "itemsize": 1377,
-    }
-)
-BYTES = DATAGRAM.itemsize
+_BYTES = ROBOT_STATE.itemsize
 
 
 @compiled
@@ -54,27 +27,16 @@ def unpack(datagrams, size, states, number):
     -1, and nothing is written, for one that is not state `number`, of another layout, or of a robot with errors.
     """
     told = datagrams[0]
-    if size != BYTES or told.message_id != number:
+    if size != _BYTES or told.message_id != number:
         return -1
-    for i in range(41):
-        if told.errors[i] != 0:
-            return -1
+    if np.any(told.errors != 0):
+        return -1
     state = states[0]
     state.t_ns = number * 1_000_000
-    for i in range(7):
-        state.q[i] = told.q[i]
-        state.dq[i] = told.dq[i]
-        state.tau_J[i] = told.tau_J[i]
-        state.tau_J_d[i] = told.tau_J_d[i]
-        state.dtau_J[i] = told.dtau_J[i]
-        state.theta[i] = told.theta[i]
-        state.dtheta[i] = told.dtheta[i]
-        state.tau_ext_hat_filtered[i] = told.tau_ext_hat_filtered[i]
-    for i in range(4):
-        for j in range(4):
-            state.O_T_EE[i, j] = told.O_T_EE[4 * j + i]
-    for i in range(6):
-        state.O_F_ext_hat_K[i] = told.O_F_ext_hat_K[i]
+    state.q[:], state.dq[:], state.theta[:], state.dtheta[:] = told.q, told.dq, told.theta, told.dtheta
+    state.tau_J[:], state.tau_J_d[:], state.dtau_J[:] = told.tau_J, told.tau_J_d, told.dtau_J
+    state.tau_ext_hat_filtered[:], state.O_F_ext_hat_K[:] = told.tau_ext_hat_filtered, told.O_F_ext_hat_K
+    state.O_T_EE[:] = told.O_T_EE.reshape(4, 4).T
     state.control_command_success_rate = told.control_command_success_rate
     state.robot_mode = told.robot_mode
     state.current_errors = 0
@@ -97,7 +59,7 @@ clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32,
 def _look(words, header, parts, control, datagram, clock, descriptor):
     header[2], header[3] = parts.ctypes.data, 1  # struct msghdr, recvmsg(2)
     header[4], header[5] = control.ctypes.data, _CONTROL_BYTES
-    parts[0], parts[1] = datagram.ctypes.data, BYTES
+    parts[0], parts[1] = datagram.ctypes.data, _BYTES
     control[1] = 0
     size = _recvmsg(np.int32(descriptor), header.ctypes.data, np.int32(_PEEK))
     clock_gettime(np.int32(_REALTIME), clock.ctypes.data)
@@ -125,7 +87,7 @@ class PeekedState:
     def __init__(self, state: ArmState | None = None) -> None:
         """state: of the arm, which `take` writes to."""
         self.words = np.zeros(WORDS, np.int64)
-        datagram, clock = np.zeros(1, DATAGRAM), np.zeros(2, np.int64)
+        datagram, clock = np.zeros(1, ROBOT_STATE), np.zeros(2, np.int64)
         buffers = (np.zeros(7, np.int64), np.zeros(2, np.int64), np.zeros(8, np.int64), datagram)
         # look(descriptor): at the oldest state that waits in a socket, before it is read
         self.look = bound(_look, self.words, *buffers, clock, later=(0,))

@@ -52,7 +52,8 @@ def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits
         raise DescriptionError(f"joint {fixed.get('name')!r}: its parent is not {parent!r}, the last joint's child")
     robot.append(_joint(fixed, DOF, "fixed", None))
     origin = robot[-1].find("origin")
-    if origin is None or _numbers(origin.get("rpy", "0 0 0"), flange) != [0.0] * 3 or _xyz(origin)[:2] != [0.0, 0.0]:
+    rpy, xyz = ("", "") if origin is None else (origin.get("rpy", "0 0 0"), origin.get("xyz", "0 0 0"))
+    if origin is None or _numbers(rpy, flange) != [0.0] * 3 or _numbers(xyz, "origin")[:2] != [0.0, 0.0]:
         raise DescriptionError(f"joint {fixed.get('name')!r}: the flange must lie along the last joint's z, not turned")
     robot.append(_link(source, flange, LINKS[-1], inertia=False))
     capsules = len(robot.findall("link/collision/geometry/cylinder"))
@@ -97,10 +98,6 @@ def _named(joint: Element, which: str) -> str:
     if element is None or not element.get("link"):
         raise DescriptionError(f"joint {joint.get('name')!r}: has no {which}")
     return element.attrib["link"]
-
-
-def _xyz(origin: Element) -> list[float]:
-    return _numbers(origin.get("xyz", "0 0 0"), "origin")
 
 
 def _numbers(text: str, where: str) -> list[float]:

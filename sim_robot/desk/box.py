@@ -8,7 +8,6 @@ self-test that is overdue locks the brakes and ends FCI.
 import secrets
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,16 +38,9 @@ class _Control:
 class DeskBox:
     """The state behind the interface. Every method may be called from any thread. flags: FLAGS of this box."""
 
-    def __init__(
-        self,
-        flags: np.void,
-        serial: str,
-        self_test_due_s: float = SELF_TEST_EVERY_S,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.serial = serial
-        self._flags, self._clock = flags, clock
-        self._due_s = clock() + self_test_due_s
+    def __init__(self, flags: np.void, serial: str, self_test_due_s: float) -> None:
+        self.serial, self._flags = serial, flags
+        self._due_s = time.monotonic() + self_test_due_s
         self._control: _Control | None = None
         self._taken = 0
         self._requested_by: str | None = None
@@ -91,7 +83,7 @@ class DeskBox:
 
     def self_tests(self) -> dict[str, Any]:
         """GET /api/safety/self-tests: remaining in s."""
-        left_s = self._due_s - self._clock()
+        left_s = self._due_s - time.monotonic()
         status = "Elapsed" if left_s <= 0.0 else "Warning" if left_s < SELF_TEST_WARNING_S else "OK"
         return {"status": "Running" if self._testing else status, "remaining": max(0, int(left_s))}
 
@@ -164,7 +156,7 @@ class DeskBox:
         self._testing = True
         self._flags["locked"] = 1
         time.sleep(_SELF_TEST_S)
-        self._due_s = self._clock() + SELF_TEST_EVERY_S
+        self._due_s = time.monotonic() + SELF_TEST_EVERY_S
         self._testing = False
         self._flags["locked"] = before
 
@@ -192,7 +184,7 @@ class DeskBox:
             raise Refused(424, "FailedDependency", "the self-tests are overdue", ("SelfTestsElapsed",))
 
     def _overdue(self) -> bool:
-        return self._clock() >= self._due_s
+        return time.monotonic() >= self._due_s
 
     def _look(self) -> None:
         if self._overdue() and not self._testing:

@@ -38,7 +38,7 @@ def flags_at(descriptor: int) -> NDArray[np.void]:
 class DeskProcess:
     """A running Desk at each box's address. flags: FLAGS of the boxes (n,)."""
 
-    def __init__(self, addresses: dict[str, str], self_test_due_s: float, port: int = PORT) -> None:
+    def __init__(self, addresses: dict[str, str], self_test_due_s: float) -> None:
         """Start it, and wait until it serves. addresses: of each arm's box, by the arm's name (left, right).
 
         Raises HardwareError with what it says.
@@ -46,7 +46,7 @@ class DeskProcess:
         descriptor, self.flags = shared_flags(len(addresses))
         # standard input ends with this process, however it ends
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sim_robot.desk", f"--flags={descriptor}", f"--port={port}",
+            [sys.executable, "-m", "sim_robot.desk", f"--flags={descriptor}", f"--port={PORT}",
              f"--self-test-due-s={self_test_due_s!r}", *(f"{side}={address}" for side, address in addresses.items())],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=(descriptor,), start_new_session=True,
         )  # fmt: skip
@@ -59,11 +59,8 @@ class DeskProcess:
 
     def close(self) -> None:
         """End it."""
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
         try:
-            self._process.wait(_END_S)
+            self._process.communicate(timeout=_END_S)  # its standard input ends
         except subprocess.TimeoutExpired:
             self._process.kill()
-            self._process.wait()
+            self._process.communicate()

@@ -1,7 +1,6 @@
 """HTTPS in front of a DeskBox: paths, sign-in and codes. One thread a connection; nothing here is in real time."""
 
 import base64
-import binascii
 import datetime
 import hashlib
 import json
@@ -151,12 +150,9 @@ class _Handler(BaseHTTPRequestHandler):
         given = self.headers.get("Authorization")
         if given is None and not needed:
             return
-        scheme, _, text = (given or "").partition(" ")
-        try:
-            words = base64.b64decode(text, validate=True)
-        except binascii.Error:
-            words = b""
-        if scheme.lower() != "basic" or not secrets.compare_digest(words, f"{USER}:{PASSWORD}".encode()):
+        scheme, _, words = (given or "").partition(" ")
+        known = base64.b64encode(f"{USER}:{PASSWORD}".encode())
+        if scheme.lower() != "basic" or not secrets.compare_digest(words.encode(), known):
             raise Refused(401, "Unauthorized", "user or password is wrong")
 
     def _send(self, status: int, content: Any) -> None:

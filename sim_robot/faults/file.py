@@ -1,17 +1,15 @@
 """A faults file: `[[fault]]` tables of TOML into `ScriptedFault` records. What each kind and key means: `kinds`."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from hal.base.configuration import ConfigurationError, from_document, one_line, read_toml
+from hal.base.configuration import ConfigurationError, from_document, one_line, place_of, read_toml
 from sim_robot.faults.kinds import KINDS, Mode, ObjectTilted, Origin, Reflex, ScriptedFault
 from sim_robot.scene import SIDES
 
 LONGEST_S = 1e6
-_HEADER = re.compile(r"\s*\[\[\s*fault\s*\]\]")
 
 
 class FaultNeedsLink(ConfigurationError):
@@ -45,8 +43,8 @@ def faults_in(
         try:
             faults.append(_fault(table, sides))
         except (_Wrong, ValueError) as error:  # ValueError: an integer that is too long to be shown
-            line = _line(text, number, len(tables), error.key if isinstance(error, _Wrong) else "")
-            raise ConfigurationError(one_line(f"{source}{line}: fault {number}{_named(table)}: {error}")) from None
+            place = place_of(source, text, ("fault", number - 1, *([error.key] if isinstance(error, _Wrong) else [])))
+            raise ConfigurationError(one_line(f"{place}: fault {number}{_named(table)}: {error}")) from None
     return tuple(faults)
 
 
@@ -134,18 +132,3 @@ def _milliseconds(table: dict[str, Any], key: str, smallest_s: float = 0.0) -> i
 def _named(table: Any) -> str:
     kind = table.get("kind") if isinstance(table, dict) else None
     return f" ({kind})" if isinstance(kind, str) and kind in KINDS else ""
-
-
-def _line(text: str, number: int, tables: int, key: str) -> str:
-    """Return ':12' where the key of this fault, or its table, is found in the text; '' where that is unclear."""
-    lines = text.splitlines()
-    headers = [index for index, line in enumerate(lines) if _HEADER.match(line)]
-    if len(headers) != tables:
-        return ""
-    first = headers[number - 1]
-    after = headers[number] if number < tables else len(lines)
-    pattern = re.compile(rf"""\s*["']?{re.escape(key)}["']?\s*=""") if key else None
-    for index in range(first, after):
-        if pattern is not None and pattern.match(lines[index]):
-            return f":{index + 1}"
-    return f":{first + 1}"

@@ -1,7 +1,5 @@
 """A script of faults at work in one simulated cell. The cell calls it at four places of each millisecond."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from hal.robot_errors import error_bit
@@ -31,10 +29,10 @@ _STEADY = 1.0  # m/s^2: more than this beside gravity is no base at rest. The ve
 
 
 class FaultyTracker:
-    """A simulated tracker as it is seen through faults. blind: no new frames; frozen: the last pose at new times."""
+    """A simulated tracker as it is seen through faults: without new frames, or with the last pose at new times."""
 
-    def __init__(self, inner: SimulatedTracker, blind: Callable[[], bool], frozen: Callable[[], bool]) -> None:
-        self._inner, self._blind, self._frozen = inner, blind, frozen
+    def __init__(self, inner: SimulatedTracker, faults: "Injection") -> None:
+        self._inner, self._faults = inner, faults
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
         self._frame_t_ns = -1
 
@@ -45,9 +43,10 @@ class FaultyTracker:
         if new.t_ns == self._frame_t_ns:
             return
         self._frame_t_ns = new.t_ns
-        if self._blind():
+        effects = self._faults.schedule.effects
+        if self._faults.plant.object_lost or effects(TrackerLost, 0):
             return
-        if self._frozen() and self._seen.record["seen"][0]:
+        if effects(TrackerFrozen, 0) and self._seen.record["seen"][0]:
             self._seen.record["t_ns"] = new.record["t_ns"]
         else:
             self._seen.record[:] = new.record
@@ -70,15 +69,6 @@ class Injection:
         self._boxes = boxes
         self._left_in: list[RobotMode | None] = [None] * len(boxes)  # the mode that a fault has left the arm in
         self._frozen: list[np.ndarray | None] = [None] * len(boxes)
-
-    def tracker(self, inner: SimulatedTracker) -> FaultyTracker:
-        """Return the tracker as the faults let it be seen."""
-        effects = self.schedule.effects
-        return FaultyTracker(
-            inner,
-            blind=lambda: self.plant.object_lost or bool(effects(TrackerLost, 0)),
-            frozen=lambda: bool(effects(TrackerFrozen, 0)),
-        )
 
     def begin_millisecond(self) -> None:
         """Begin what is due, after the boxes have begun the ms and before the plant goes on."""

@@ -109,7 +109,6 @@ class Slip(Effect, kind="slip", bounds=(0.0, LARGEST_FACTOR)):
     friction_factor: float
 
 
-@dataclass(frozen=True)
 class ObjectLost(Effect, kind="object_lost", of_an_arm=False, lasts=False):
     """The object is gone."""
 
@@ -162,7 +161,6 @@ class BaseShaken(Effect, kind="base_shaken", bounds=(-LARGEST_ACCELERATION, LARG
     acceleration: Vector3
 
 
-@dataclass(frozen=True)
 class UserStop(Effect, kind="user_stop"):
     """The external activation device is pressed."""
 
@@ -199,7 +197,6 @@ class Mode(Effect, kind="mode"):
         return self.state in ("self_test_due", "safety_function")
 
 
-@dataclass(frozen=True)
 class StateFrozen(Effect, kind="state_frozen"):
     """The robot repeats itself."""
 
@@ -222,17 +219,14 @@ class TimeBack(Effect, kind="time_back", bounds=(1.0, LARGEST_STALL_MS)):
     back_ms: float
 
 
-@dataclass(frozen=True)
 class StatesLost(Effect, kind="states_lost", of_the_link=True):
     """The way to the client is cut."""
 
 
-@dataclass(frozen=True)
 class AnswersLost(Effect, kind="answers_lost", of_the_link=True):
     """The way from the client is cut."""
 
 
-@dataclass(frozen=True)
 class Disconnect(Effect, kind="disconnect", lasts=False, of_the_link=True):
     """The connection is closed."""
 
@@ -244,12 +238,10 @@ class Stall(Effect, kind="stall", bounds=(0.0, LARGEST_STALL_MS), of_an_arm=Fals
     stall_ms: float
 
 
-@dataclass(frozen=True)
 class TrackerLost(Effect, kind="tracker_lost", of_an_arm=False):
     """The object is hidden from the cameras."""
 
 
-@dataclass(frozen=True)
 class TrackerFrozen(Effect, kind="tracker_frozen", of_an_arm=False):
     """Motion capture repeats itself."""
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -58,24 +59,14 @@ class AnswerTimes:
         """Count one answer."""
         self._counts[min(elapsed_ns // _BIN_NS, _BINS - 1)] += 1
 
-    @property
-    def answers(self) -> int:
-        """Answers so far."""
-        return int(self._counts.sum())
-
-    def percentile_us(self, share: float) -> float:
-        """Return the upper edge of the bin below which `share` percent of the answers lie, us; NaN without answers."""
+    def report(self) -> str:
+        """One line for people. A percentile is the upper edge of the bin in which it lies."""
         total = np.cumsum(self._counts)
         if not total[-1]:
-            return float("nan")
-        return 1e-3 * _BIN_NS * (1 + int(np.searchsorted(total, share / 100.0 * total[-1])))
-
-    def report(self) -> str:
-        """One line for people."""
-        if not self.answers:
             return "no answers"
-        p50, p99, p999 = (self.percentile_us(share) for share in (50.0, 99.0, 99.9))
-        return f"{self.answers} answers, after {p50:.0f} us p50, {p99:.0f} p99, {p999:.0f} p99.9; {self.lost} lost"
+        shares = np.array([50.0, 99.0, 99.9]) / 100.0 * total[-1]
+        p50, p99, p999 = 1e-3 * _BIN_NS * (1 + np.searchsorted(total, shares))
+        return f"{total[-1]} answers, after {p50:.0f} us p50, {p99:.0f} p99, {p999:.0f} p99.9; {self.lost} lost"
 
 
 class ArmServer:
@@ -125,7 +116,7 @@ class ArmServer:
         self._recovery_id: int | None = None  # asked for while the arm still brakes
         self._braking_ms = 0  # since the reflex
         self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
-        self._tolerances = Tolerances.NONE
+        self._tolerances = Tolerances()
         self._rest()
 
     # what the server asks
@@ -162,32 +153,25 @@ class ArmServer:
         message_id = int(command["message_id"])
         if not self.moving or self.answered or not self.first_id <= message_id <= self.message_id:
             return
-        finished = bool(command["torque_command_finished"] or command["motion_generation_finished"])
-        if self.asynchronous:
-            if finished:  # it carries no target
-                self._finish(MoveStatus.SUCCESS)
-            else:
-                self.box.take_command(command)
-                self.settle_outcome()
-            return
-        shown_ns = self._shown_ns
-        if self.patient:
-            self.first_id = message_id + 1
-        elif message_id < self.message_id:
-            shown_ns = self._shown_before_ns
-            if self.link.arrived_ns > shown_ns + self.period_ns:
-                return
-        elif self.link.arrived_ns > self.due_ns:
-            stalled = time.time_ns() - self.due_ns >= self.period_ns
-            if not stalled or self.silent >= LONGEST_SILENCE:
-                return
-        self.answered = self.joined = True
-        self.answers.note(max(0, self.link.arrived_ns - shown_ns))
-        if finished:
-            self._finish(MoveStatus.SUCCESS)
-            return
-        self.box.take_command(command)
-        self.settle_outcome()
+        if not self.asynchronous:
+            shown_ns = self._shown_ns
+            if self.patient:
+                self.first_id = message_id + 1
+            elif message_id < self.message_id:
+                shown_ns = self._shown_before_ns
+                if self.link.arrived_ns > shown_ns + self.period_ns:
+                    return
+            elif self.link.arrived_ns > self.due_ns:
+                stalled = time.time_ns() - self.due_ns >= self.period_ns
+                if not stalled or self.silent >= LONGEST_SILENCE:
+                    return
+            self.answered = self.joined = True
+            self.answers.note(max(0, self.link.arrived_ns - shown_ns))
+        if command["torque_command_finished"] or command["motion_generation_finished"]:
+            self._finish(MoveStatus.SUCCESS)  # an asynchronous motion's carries no target
+        else:
+            self.box.take_command(command)
+            self.settle_outcome()
 
     def _finish(self, status: MoveStatus) -> None:
         goal = self._tolerances.goal
@@ -277,7 +261,8 @@ class ArmServer:
         self.message_id += 1
         wire["message_id"] = self.message_id
         wire["controller_mode"], wire["motion_generator_mode"] = self._mode_shown
-        wire["robot_mode"] = RobotMode.AUTOMATIC_ERROR_RECOVERY if self._recovers else box.mode
+        recovers = any(request[1] == Command.AUTOMATIC_ERROR_RECOVERY for request in self._requests)
+        wire["robot_mode"] = RobotMode.AUTOMATIC_ERROR_RECOVERY if recovers else box.mode
         wire["control_command_success_rate"] = box.success_rate
         sampled = box.sampled_torque
         if sampled is not None:  # the plant's last ms may have been before this torque came
@@ -297,10 +282,6 @@ class ArmServer:
         while self._requests and self._requests[0][0] < self._shown:
             _, command, command_id, values = self._requests.pop(0)
             self._carry_out(command, command_id, values)
-
-    @property
-    def _recovers(self) -> bool:
-        return any(request[1] == Command.AUTOMATIC_ERROR_RECOVERY for request in self._requests)
 
     def show_new(self) -> None:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
@@ -412,8 +393,8 @@ class ArmServer:
             Command.SET_COLLISION_BEHAVIOR: settings.set_collision_behavior,
             Command.SET_JOINT_IMPEDANCE: settings.set_joint_impedance,
             Command.SET_CARTESIAN_IMPEDANCE: settings.set_cartesian_impedance,
-            Command.SET_EE_TO_K: settings.set_EE_T_K,
-            Command.SET_NE_TO_EE: settings.set_NE_T_EE,
+            Command.SET_EE_TO_K: partial(settings.set_frame, "EE_T_K"),
+            Command.SET_NE_TO_EE: partial(settings.set_frame, "NE_T_EE"),
             Command.SET_LOAD: settings.set_load,
             # says which axes a hand may guide; no hand guides a simulated arm, so the mode Guiding never comes
             Command.SET_GUIDING_MODE: lambda guided: None,

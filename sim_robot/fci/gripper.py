@@ -13,9 +13,9 @@ import socket
 import struct
 import time
 
+from hal.wire import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.port import Port, Session
-from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 from sim_robot.gripper import ROOM_TEMPERATURE
 from sim_robot.hand import Hand, Order
 
@@ -91,14 +91,10 @@ class GripperPort(Port):
 
     @staticmethod
     def _order(hand: Hand, command: int, values: tuple[float, ...]) -> Order:
-        if command == _HOMING:
-            return hand.homing()
-        if command == _MOVE:
-            return hand.move(*values)
-        if command == _STOP:
-            return hand.stop()
-        width, inner, outer, speed, force = values
-        return hand.grasp(width, speed, force, inner, outer)
+        if command == _GRASP:
+            width, inner, outer, speed, force = values
+            return hand.grasp(width, speed, force, inner, outer)
+        return {_HOMING: hand.homing, _MOVE: hand.move, _STOP: hand.stop}[command](*values)
 
     def _answer(self, session: Session, command: int, command_id: int, body: bytes) -> None:
         message = GRIPPER_HEADER.pack(command, command_id, GRIPPER_HEADER.size + len(body)) + body

@@ -12,9 +12,10 @@ from functools import partial
 
 import numpy as np
 
+from hal.wire import HEADER, PORT, ROBOT_COMMAND, VERSION
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.port import Port, Session
-from sim_robot.fci.protocol import HEADER, PAYLOADS, PORT, ROBOT_COMMAND, VERSION, Command, ConnectStatus, response
+from sim_robot.fci.protocol import PAYLOADS, Command, ConnectStatus, response
 from sim_robot.profile import LATE_SHARES
 
 MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client

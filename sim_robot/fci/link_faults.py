@@ -7,11 +7,12 @@ from functools import partial
 import numpy as np
 
 from hal.state import NEEDS_PERSON, RobotMode
+from hal.wire import ROBOT_STATE
 from sim_robot.faults.injection import Injection
 from sim_robot.faults.kinds import AnswersLost, Disconnect, Stall, StatesLost
 from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.link import Link
-from sim_robot.fci.protocol import ROBOT_STATE, MoveStatus
+from sim_robot.fci.protocol import MoveStatus
 
 
 class FaultyLink(Link):

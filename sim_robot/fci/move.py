@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +27,6 @@ class Tolerances:
 
     path: Deviation | None = None
     goal: Deviation | None = None
-    NONE: ClassVar["Tolerances"]
-
-
-Tolerances.NONE = Tolerances()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +60,7 @@ class MoveRequest:
     def tolerances(self) -> Tolerances:
         """What has to be watched: in torque control, and for who accepts any pose, nothing."""
         if self.generator == Generator.NONE:
-            return Tolerances.NONE
+            return Tolerances()
         path, goal = (
             None if all(one >= any_ for one, any_ in zip(most, _ANYWHERE, strict=True)) else most
             for most in (self.path, self.goal)

@@ -1,7 +1,6 @@
-"""The Franka Control Interface on the wire: version 10, little-endian, packed.
+"""The requests of the Franka Control Interface and their answers: version 10, little-endian, packed (hal.wire).
 
 Source: libfranka's public headers (research_interface/robot), held by the tests against a real pylibfranka client.
-Transforms are column-major on the wire.
 
 Which fields are filled by what, which errors come from what, and which replies each request can get is a table of the
 documentation, docs/reference/simulated_robot.md. It is made from docs/generate/fidelity.toml, which the tests compare
@@ -11,17 +10,10 @@ with this module.
 import struct
 from enum import IntEnum
 
-import numpy as np
+from hal.wire import HEADER
 
-VERSION = 10
-PORT = 1337
-GRIPPER_VERSION = 3
-GRIPPER_PORT = 1338
 VACUUM_VERSION = 1
 VACUUM_PORT = 1339
-
-HEADER = struct.Struct("<III")  # command, command id, size with this header
-GRIPPER_HEADER = struct.Struct("<HII")
 
 
 class Command(IntEnum):
@@ -125,77 +117,6 @@ class Generator(IntEnum):
 
 GENERATOR_IDLE = 0
 
-ERRORS = 41
-ROBOT_STATE = np.dtype(
-    [
-        ("message_id", "<u8"),
-        ("O_T_EE", "<f4", 16),
-        ("O_T_EE_d", "<f4", 16),
-        ("F_T_EE", "<f4", 16),
-        ("EE_T_K", "<f4", 16),
-        ("F_T_NE", "<f4", 16),
-        ("NE_T_EE", "<f4", 16),
-        ("m_ee", "<f4"),
-        ("I_ee", "<f4", 9),
-        ("F_x_Cee", "<f4", 3),
-        ("m_load", "<f4"),
-        ("I_load", "<f4", 9),
-        ("F_x_Cload", "<f4", 3),
-        ("elbow", "<f4", 2),
-        ("elbow_d", "<f4", 2),
-        ("tau_J", "<f4", 7),
-        ("tau_J_d", "<f4", 7),
-        ("dtau_J", "<f4", 7),
-        ("q", "<f4", 7),
-        ("q_d", "<f4", 7),
-        ("dq", "<f4", 7),
-        ("dq_d", "<f4", 7),
-        ("ddq_d", "<f4", 7),
-        ("joint_contact", "<f4", 7),
-        ("cartesian_contact", "<f4", 6),
-        ("joint_collision", "<f4", 7),
-        ("cartesian_collision", "<f4", 6),
-        ("tau_ext_hat_filtered", "<f4", 7),
-        ("O_F_ext_hat_K", "<f4", 6),
-        ("K_F_ext_hat_K", "<f4", 6),
-        ("O_dP_EE_d", "<f4", 6),
-        ("O_ddP_O", "<f4", 3),
-        ("elbow_c", "<f4", 2),
-        ("delbow_c", "<f4", 2),
-        ("ddelbow_c", "<f4", 2),
-        ("O_T_EE_c", "<f4", 16),
-        ("O_dP_EE_c", "<f4", 6),
-        ("O_ddP_EE_c", "<f4", 6),
-        ("theta", "<f4", 7),
-        ("dtheta", "<f4", 7),
-        ("accelerometer_top", "<f4", (6, 3)),
-        ("accelerometer_bottom", "<f4", (6, 3)),
-        ("motion_generator_mode", "u1"),
-        ("controller_mode", "u1"),
-        ("errors", "u1", ERRORS),
-        ("reflex_reason", "u1", ERRORS),
-        ("robot_mode", "u1"),
-        ("control_command_success_rate", "<f4"),
-    ]
-)
-
-ROBOT_COMMAND = np.dtype(
-    [
-        ("message_id", "<u8"),
-        ("q_c", "<f8", 7),
-        ("dq_c", "<f8", 7),
-        ("O_T_EE_c", "<f8", 16),
-        ("O_dP_EE_c", "<f8", 6),
-        ("elbow_c", "<f8", 2),
-        ("valid_elbow", "u1"),
-        ("motion_generation_finished", "u1"),
-        ("tau_J_d", "<f8", 7),
-        ("torque_command_finished", "u1"),
-    ]
-)
-
-assert ROBOT_STATE.itemsize == 1377  # what a version 10 client expects
-assert ROBOT_COMMAND.itemsize == 371
 assert PAYLOADS[Command.MOVE].size == 113
 
 

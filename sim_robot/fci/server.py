@@ -14,12 +14,13 @@ import numpy as np
 from hal.state import RobotMode
 from hal.tracker import ObjectTracker
 from hal.tracker_link import DATAGRAM
+from hal.wire import ROBOT_STATE
 from sim_robot.cell import SimulatedCell
 from sim_robot.fci import link_faults
 from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.gripper import GripperPort
 from sim_robot.fci.poller import Poller
-from sim_robot.fci.protocol import ROBOT_STATE, VACUUM_PORT, VACUUM_VERSION, Command
+from sim_robot.fci.protocol import VACUUM_PORT, VACUUM_VERSION, Command
 from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
 from sim_robot.fci.settings import SETTINGS_RECORD, Settings
 from sim_robot.plant_parameters import PlantParameters

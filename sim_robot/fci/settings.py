@@ -12,10 +12,7 @@ from sim_robot.hand_parameters import FrankaHand
 # Transforms are row-major here. thresholds: lower and upper while accelerating, lower and upper at constant velocity.
 SETTINGS_RECORD = np.dtype(
     [
-        ("F_T_EE", "f8", (4, 4)),
-        ("EE_T_K", "f8", (4, 4)),
-        ("F_T_NE", "f8", (4, 4)),
-        ("NE_T_EE", "f8", (4, 4)),
+        *((name, "f8", (4, 4)) for name in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE")),
         ("face_T_EE", "f8", (4, 4)),  # from the pad's face, where the sensors estimate the wrench
         ("face_T_K", "f8", (4, 4)),
         ("face_T_F", "f8", (4, 4)),  # the flange in the pad's face
@@ -113,14 +110,12 @@ class Settings:
         record["face_T_EE"] = self._face_T_NE @ record["NE_T_EE"]
         record["face_T_K"] = record["face_T_EE"] @ record["EE_T_K"]
 
-    def set_NE_T_EE(self, values: tuple[float, ...]) -> None:
-        """Place the end effector in the nominal end-effector frame: 16 numbers, column-major."""
-        self.record["NE_T_EE"] = _transform(values)
-        self._chain()
+    def set_frame(self, name: str, values: tuple[float, ...]) -> None:
+        """Place NE_T_EE, the end effector in its nominal frame, or EE_T_K, the stiffness frame in the end effector.
 
-    def set_EE_T_K(self, values: tuple[float, ...]) -> None:
-        """Place the stiffness frame in the end effector: 16 numbers, column-major."""
-        self.record["EE_T_K"] = _transform(values)
+        values: 16 numbers, column-major.
+        """
+        self.record[name] = _transform(values)
         self._chain()
 
     def set_load(self, values: tuple[float, ...]) -> None:

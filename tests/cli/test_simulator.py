@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from hal.tracker_link import DATAGRAM
+from hal.wire import PORT
 from sim_robot.fci.__main__ import main
-from sim_robot.fci.protocol import PORT
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 PREFIX = f"127.{100 + os.getpid() % 100}.{1 + os.getpid() // 100 % 250}"

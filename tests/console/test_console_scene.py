@@ -10,10 +10,11 @@ import zstandard
 from websockets.sync.client import connect
 
 from console.scene.meshes import LINKS, capsule_parts, full_parts, light_parts
-from console.scene.scene import CellFigures, joints_of, turned
+from console.scene.scene import CellFigures, turned
 from console.scene.scenes import Detail
 from console.scene.server import SECRET_HEADER
 from hal.robots import FR3
+from rtstack.log.viewers.frames import joint_placements
 from sim_robot.plant_parameters import load_plant_parameters
 
 
@@ -25,7 +26,7 @@ def test_the_chain_of_frames_agrees_with_pinocchio():
         q = generator.uniform(FR3.limits.q_lower, FR3.limits.q_upper)
         pinocchio.forwardKinematics(model, data, q)
         T = np.eye(4)
-        for number, joint in enumerate(joints_of(FR3)[:-1]):
+        for number, joint in enumerate(joint_placements(FR3.urdf)[:-1]):
             step = trimesh.transformations.quaternion_matrix(turned(joint, q[number]))
             step[:3, 3] = joint.position
             T = T @ step

@@ -200,7 +200,7 @@ def test_the_cache_makes_room_for_the_newest_and_reads_a_changed_log_anew(served
         deadline_s = time.monotonic() + 60.0
         while True:
             found = cache.open(entries[name])
-            if found.index is not None and found.index.done:
+            if found is not None and found.index.done:
                 return found
             assert time.monotonic() < deadline_s
             time.sleep(0.05)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from console.review.columns import BUCKET, Columns, ColumnWriter, read_index
+from console.review.columns import BUCKET, Columns, ColumnWriter, LogColumns, read_index
 from console.review.conversion import convert
 from console.review.conversion import main as conversion
 from console.review.series import Tabled, Window, csv_lines, curves, moment
@@ -102,7 +102,9 @@ def test_the_vectorised_decoding_agrees_with_the_protobuf_library(made):
 @pytest.mark.parametrize(("start", "end"), [(-5.0, 30.0), (0.0, 20.0), (12.0, 13.0), (12.3401, 12.3499), (3.3, 17.77)])
 def test_a_spike_of_one_sample_is_in_the_curve_at_every_zoom(made, start, end, width):
     _, columns, folder, index = made
-    (found,) = curves(folder, index, [signal("left.tau_J.4"), signal("left.q.1")], Window(start, end, width))
+    (found,) = curves(
+        LogColumns(folder, index), [signal("left.tau_J.4"), signal("left.q.1")], Window(start, end, width)
+    )
     values = columns["/left/arm"]["tau_J"][:, 3].astype(np.float32)
     assert found.high[0].max() == 1000.0
     place = int(np.argmax(found.high[0]))
@@ -119,7 +121,7 @@ def test_a_spike_of_one_sample_is_in_the_curve_at_every_zoom(made, start, end, w
 
 def test_buckets_of_whole_levels_and_of_samples_agree(made):
     _, columns, folder, index = made
-    (found,) = curves(folder, index, [signal("left.dq.5")], Window(0.0, 20.0, 100))
+    (found,) = curves(LogColumns(folder, index), [signal("left.dq.5")], Window(0.0, 20.0, 100))
     assert found.bucket == 256
     assert found.bucket > BUCKET
     values = columns["/left/arm"]["dq"][:, 4].astype(np.float32)
@@ -130,20 +132,20 @@ def test_buckets_of_whole_levels_and_of_samples_agree(made):
 
 def test_an_object_is_nowhere_until_somebody_has_seen_it(made):
     _, _, folder, index = made
-    (found,) = curves(folder, index, [signal("object.position.z")], Window(0.0, 20.0, 5000))
+    (found,) = curves(LogColumns(folder, index), [signal("object.position.z")], Window(0.0, 20.0, 5000))
     assert found.t_s[0] == pytest.approx(0.4)
-    assert moment(folder, index, [signal("object.position.z")], 0.2).values == {"object.position.z": None}
-    assert moment(folder, index, [], 0.2).object is None
-    assert moment(folder, index, [], 0.5).object is not None
+    assert moment(LogColumns(folder, index), [signal("object.position.z")], 0.2).values == {"object.position.z": None}
+    assert moment(LogColumns(folder, index), [], 0.2).object is None
+    assert moment(LogColumns(folder, index), [], 0.5).object is not None
 
 
 def test_a_moment_is_the_newest_sample_before_it(made):
     _, columns, folder, index = made
-    found = moment(folder, index, [signal("left.tau_J.4")], SPIKE_ROW * 1e-3 + 0.0004)
+    found = moment(LogColumns(folder, index), [signal("left.tau_J.4")], SPIKE_ROW * 1e-3 + 0.0004)
     assert found.values == {"left.tau_J.4": 1000.0}
     assert found.t_s == pytest.approx(SPIKE_ROW * 1e-3)
     np.testing.assert_allclose(found.q, [columns[f"/{side}/arm"]["q"][SPIKE_ROW] for side in ("left", "right")], 1e-6)
-    before = moment(folder, index, [signal("left.tau_J.4")], -1.0)
+    before = moment(LogColumns(folder, index), [signal("left.tau_J.4")], -1.0)
     assert before.values == {"left.tau_J.4": None}
     assert before.q is None
 
@@ -163,7 +165,9 @@ def test_modes_and_events_are_those_of_the_log(made):
 def test_a_table_has_every_sample_and_gaps_where_a_topic_has_none(made):
     _, columns, folder, index = made
     names = ["left.tau_J.4", "object.position.z"]
-    lines = "".join(csv_lines([Tabled(folder, index)], [signal(name) for name in names], 1.0, 1.01)).splitlines()
+    lines = "".join(
+        csv_lines([Tabled(LogColumns(folder, index))], [signal(name) for name in names], 1.0, 1.01)
+    ).splitlines()
     assert lines[0] == "t_s,left.tau_J.4,object.position.z"
     rows = [line.split(",") for line in lines[1:]]
     assert [row[0] for row in rows] == [f"{t / 1000:.6f}" for t in range(1000, 1010)]

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from hal.robot_errors import ROBOT_ERRORS
+from hal.wire import ROBOT_STATE
 from rtstack.loop.end import End
 from rtstack.safety.reasons import Cause
 from sim_robot.faults.file import faults_in
 from sim_robot.faults.kinds import KINDS
-from sim_robot.fci.protocol import ROBOT_STATE, Command, ConnectStatus, MoveStatus, RecoveryStatus, SetStatus
+from sim_robot.fci.protocol import Command, ConnectStatus, MoveStatus, RecoveryStatus, SetStatus
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs/generate"))

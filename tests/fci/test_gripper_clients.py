@@ -11,7 +11,8 @@ import pylibfranka as franka
 import pytest
 
 from hal.errors import ConnectionLost, GripperFailed, NoGripper
-from hal.fci.gripper import PORT, FciGripper, ask_for_gripper
+from hal.fci.gripper import FciGripper, ask_for_gripper
+from hal.wire import GRIPPER_PORT
 from rtstack.check.network import gripper_finding
 from tests.support.fci.client import connect, hold, program_path, torque_control
 from tests.support.fci.server import Served, serve
@@ -88,7 +89,7 @@ def test_hal_says_that_there_is_no_hand(with_hand: Served) -> None:
 
 def test_hal_does_not_wait_for_ever_where_libfranka_would(with_hand: Served) -> None:
     """Someone accepts, reads and hangs up: libfranka's constructor would never return."""
-    with socket.create_server((with_hand.left.replace("127.", "127.2", 1), PORT)) as listener:
+    with socket.create_server((with_hand.left.replace("127.", "127.2", 1), GRIPPER_PORT)) as listener:
         address = listener.getsockname()[0]
 
         def hang_up() -> None:

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from hal.wire import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.fci.gripper import MOST_CLIENTS, NOT_MOUNTED, STATE, GripperPort
 from sim_robot.fci.poller import Poller
-from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION, VACUUM_PORT, VACUUM_VERSION
+from sim_robot.fci.protocol import VACUUM_PORT, VACUUM_VERSION
 
 LATER_S = 30.0  # no test waits so long unless it fails
 ADDRESS = f"127.19.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}"

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from hal.wire import HEADER, PORT
 from sim_robot.fci.link import MOST_SESSIONS, Link
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.port import ACCEPT_PERIOD_S
-from sim_robot.fci.protocol import HEADER, PORT, Command, ConnectStatus
+from sim_robot.fci.protocol import Command, ConnectStatus
 from tests.support.fci.client import connect as connect_client
 from tests.support.fci.client import hold, torque_control
 from tests.support.fci.raw import RawClient

@@ -14,11 +14,11 @@ from hal.desk.power import start
 from hal.displacement import Displacement
 from hal.fci.arm import FciArm
 from hal.state import RobotMode
+from hal.wire import GRIPPER_PORT, PORT
 from rtstack.cells.kinds import CellRequest, kind_of
 from rtstack.cells.simulator import Simulator
 from rtstack.model.cell_description import load_cell_description
 from sim_robot.desk.process import PORT as DESK_PORT
-from sim_robot.fci.protocol import GRIPPER_PORT, PORT
 from sim_robot.scene import load_scene
 from tests.support.desk import desk_address, desk_of
 from tests.support.fci.client import connect, hold, measured, move_to, torque_control

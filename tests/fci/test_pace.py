@@ -12,10 +12,11 @@ import pytest
 
 from hal.robot_errors import error_names
 from hal.state import RobotMode
+from hal.wire import ROBOT_COMMAND, ROBOT_STATE
 from sim_robot.cell import simulated_cell
 from sim_robot.fci import arm_server, realtime
 from sim_robot.fci.drive import DrivenBox
-from sim_robot.fci.protocol import ROBOT_COMMAND, ROBOT_STATE, Command
+from sim_robot.fci.protocol import Command
 from sim_robot.fci.realtime import Realtime, RightClock
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters

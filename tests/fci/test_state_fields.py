@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from hal.robots import FR3
+from hal.wire import ROBOT_STATE
 from sim_robot.arm_description import arm_description
-from sim_robot.fci.protocol import ROBOT_STATE, Command, MoveStatus
+from sim_robot.fci.protocol import Command, MoveStatus
 from sim_robot.fci.robot_state import ACCELEROMETER_BIT, ACCELEROMETER_NOISE
 from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
 from sim_robot.plant import faces

@@ -7,7 +7,8 @@ import numpy as np
 import pylibfranka as franka
 import pytest
 
-from sim_robot.fci.protocol import HEADER, PORT, Command, ConnectStatus
+from hal.wire import HEADER, PORT
+from sim_robot.fci.protocol import Command, ConnectStatus
 from tests.support.fci.client import connect, hold, torque_control
 from tests.support.fci.raw import RawClient
 from tests.support.fci.server import Served

@@ -1,4 +1,4 @@
-"""A probe of the pylibfranka that is installed: the layouts that it wants are those of sim_robot/fci/protocol.py.
+"""A probe of the pylibfranka that is installed: the layouts that it wants are those of hal/wire.py.
 
 The vendor may change them without a new version number. A raw server offers it states of chosen sizes and contents.
 """
@@ -18,11 +18,12 @@ import numpy as np
 from hal.robot_errors import ROBOT_ERRORS
 from hal.robots import FR3
 from hal.state import RobotMode
-from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, Command, Controller, response
+from hal.wire import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE
+from sim_robot.fci.protocol import Command, Controller, response
 from tests.programs.clients import probe_client
 from tests.programs.clients.probe_client import TORQUES
 
-WANTS = f"pylibfranka {version('pylibfranka')} wants another layout than sim_robot/fci/protocol.py has: "
+WANTS = f"pylibfranka {version('pylibfranka')} wants another layout than hal/wire.py has: "
 STATE_BYTES, COMMAND_BYTES = 1377, 371
 LONGEST_S = 30.0
 

@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from hal.fci.hold import COMMAND, FASTER_RAD_S, HoldThread
-from sim_robot.fci.protocol import ROBOT_STATE
+from hal.fci.hold import FASTER_RAD_S, HoldThread
+from hal.wire import ROBOT_COMMAND, ROBOT_STATE
 
 PATIENCE_S = 20.0
 TORQUE = np.arange(1.0, 8.0)
@@ -53,7 +53,7 @@ def test_it_is_answered_with_its_last_command(ends, thread):
     with thread.hold(_Arm(ends[1])) as hold:
         for number in range(5):
             shown(ends, number, 0.5)
-            (command,) = np.frombuffer(ends[0].recv(2048), COMMAND)
+            (command,) = np.frombuffer(ends[0].recv(2048), ROBOT_COMMAND)
             assert command["message_id"] == number
             assert np.array_equal(command["tau_J_d"], TORQUE)
     assert hold.answers == 5

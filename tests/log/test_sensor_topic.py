@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
+from console.review.columns import LogColumns
 from console.review.conversion import convert
 from console.review.series import Tabled, csv_lines
 from rtstack.log.analysis.signals import signals
@@ -102,8 +103,8 @@ print(json.dumps({
         records["wrench_measured"],
         arm["O_F_ext_hat_K"][np.searchsorted(arm["t_ns"], records["t_ns"])])),
     "tree": [[one.name, one.unit] for one in wanted],
-    "csv": list(csv_lines([Tabled(columns, index)], wanted, 0.0, 1.0))[0].strip(),
-    "rows": len(list(csv_lines([Tabled(columns, index)], wanted, 0.0, 1.0))[1].splitlines()),
+    "csv": list(csv_lines([Tabled(LogColumns(columns, index))], wanted, 0.0, 1.0))[0].strip(),
+    "rows": len(list(csv_lines([Tabled(LogColumns(columns, index))], wanted, 0.0, 1.0))[1].splitlines()),
     "page": topic_table() + log_messages(),
 }))
 """

@@ -19,16 +19,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sim_robot.fci.protocol import (
-    GRIPPER_HEADER,
-    GRIPPER_PORT,
-    HEADER,
-    PAYLOADS,
-    PORT,
-    ROBOT_COMMAND,
-    Command,
-    MoveStatus,
-)
+from hal.wire import GRIPPER_HEADER, GRIPPER_PORT, HEADER, PORT, ROBOT_COMMAND
+from sim_robot.fci.protocol import PAYLOADS, Command, MoveStatus
 from tests.programs import program
 from tests.support.fci.client import connect, hold, torque_control
 from tests.support.fci.raw import RawClient

@@ -19,21 +19,12 @@ from numba.core import event
 import sim_robot
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
+from hal.wire import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION
 from sim_robot.cell import simulated_cell
 from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
-from sim_robot.fci.protocol import (
-    HEADER,
-    PORT,
-    ROBOT_COMMAND,
-    ROBOT_STATE,
-    VERSION,
-    Command,
-    Controller,
-    Generator,
-    MoveStatus,
-)
+from sim_robot.fci.protocol import Command, Controller, Generator, MoveStatus
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
-from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command, MoveStatus
+from hal.wire import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION
+from sim_robot.fci.protocol import Command, MoveStatus
 
 Deviation = tuple[float, float, float]  # translation m, rotation rad, elbow rad
 ANYWHERE = (10.0, 3.12, 6.29)  # what a client says that does not care; libfranka: 2 pi for the elbow

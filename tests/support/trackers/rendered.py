@@ -6,7 +6,7 @@ import numpy as np
 
 from hal.tracker import TagCamera
 from sim_robot.arm_description import JOINTS, arm_description
-from sim_robot.model import cell_xml
+from sim_robot.model import cell_spec
 from sim_robot.scene import load_scene
 from tests.support.trackers.tags import texture
 
@@ -22,29 +22,30 @@ class RenderedCell:
 
         scene = load_scene()
         arms = tuple(arm_description(place.robot) for place in scene.arms)
-        text = cell_xml(scene, OBJECT, scene.place(OBJECT, 0.0, (0.35, -0.35), None), arms)
+        spec = cell_spec(scene, OBJECT, scene.place(OBJECT, 0.0, (0.35, -0.35), None), arms)
         (width, height), half = camera.size, 0.75 * camera.tag_size  # with its white margin
         self.top_m = scene.objects[OBJECT].size[2] / 2.0 + _THICK_M  # of the tag over the object's middle
-        tag = (
-            f'<geom name="tag" type="box" pos="0 0 {self.top_m - _THICK_M / 2}" size="{half} {half} {_THICK_M / 2}" '
-            'material="tag" mass="0" contype="0" conaffinity="0"/>'
-        )
-        seen = (
-            '<light pos="0 0 3" dir="0 0 -1" directional="true" ambient="0.5 0.5 0.5" diffuse="0.3 0.3 0.3"/>'
-            f'<camera name="eye" pos="{" ".join(map(str, eye[:3, 3]))}" '
-            f'xyaxes="{" ".join(map(str, [*eye[:3, 0], *-eye[:3, 1]]))}" '
-            f'fovy="{np.degrees(2.0 * np.arctan(height / 2.0 / camera.focal[1]))}"/></worldbody>'
-            '<asset><texture name="tag" type="2d" file="tag.png"/>'
-            '<material name="tag" texture="tag" texuniform="false" specular="0" reflectance="0"/></asset>'
-            '<visual><headlight ambient="0 0 0" diffuse="0 0 0" specular="0 0 0"/>'
-            f'<global offwidth="{width}" offheight="{height}"/></visual>'
-        )
-        joint = '<freejoint name="object" />'
-        assert joint in text
+        spec.body("object").add_geom(
+            name="tag", type=mujoco.mjtGeom.mjGEOM_BOX, pos=(0.0, 0.0, self.top_m - _THICK_M / 2),
+            size=(half, half, _THICK_M / 2), material="tag", mass=0.0, contype=0, conaffinity=0,
+        )  # fmt: skip
+        spec.worldbody.add_light(
+            pos=(0.0, 0.0, 3.0), dir=(0.0, 0.0, -1.0), type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            ambient=(0.5, 0.5, 0.5), diffuse=(0.3, 0.3, 0.3),
+        )  # fmt: skip
+        fovy = float(np.degrees(2.0 * np.arctan(height / 2.0 / camera.focal[1])))
+        turned = np.zeros(4)
+        mujoco.mju_mat2Quat(turned, (eye[:3, :3] * (1.0, -1.0, -1.0)).ravel())  # MuJoCo's looks along -z, y up
+        spec.worldbody.add_camera(name="eye", pos=eye[:3, 3], quat=turned, fovy=fovy)
         _, drawing = cv2.imencode(".png", texture(camera, number))
-        self.model = mujoco.MjModel.from_xml_string(
-            text.replace(joint, joint + tag).replace("</worldbody>", seen), {"tag.png": drawing.tobytes()}
-        )
+        spec.assets = {"tag.png": drawing.tobytes()}
+        spec.add_texture(name="tag", type=mujoco.mjtTexture.mjTEXTURE_2D, file="tag.png")
+        material = spec.add_material(name="tag", texuniform=False, specular=0.0, reflectance=0.0)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tag"
+        for name in ("ambient", "diffuse", "specular"):
+            setattr(spec.visual.headlight, name, (0.0, 0.0, 0.0))
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+        self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._context = GLContext(width, height)
         self._context.make_current()
