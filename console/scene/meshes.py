@@ -16,7 +16,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from hal.robots import RobotModel
-from rtstack.log.viewers.cell_urdf import shapes_of
+from rtstack.log.viewers.solids import shapes_in
 
 LINKS = tuple(f"link{number}" for number in range(8))
 _FOLDER = "cmeel.prefix/share/example-robot-data/robots"
@@ -88,7 +88,7 @@ def coarse(part: Part, cell_m: float) -> Part:
 def capsule_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the plain shapes of our own description of a link."""
     parts = []
-    for shape in [one for one in shapes_of(model.urdf) if one.link == link]:
+    for shape in [one for one in shapes_in(model.urdf) if one.link == link]:
         width, _, length = shape.size
         if shape.kind == "sphere":
             mesh = trimesh.creation.icosphere(subdivisions=1, radius=width / 2.0)

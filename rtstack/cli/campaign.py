@@ -74,7 +74,8 @@ def campaign(
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
-    cell_file, data, out = (each and each.resolve() for each in (cell_file, data, out))
+    cell_file, data = (each and each.resolve() for each in (cell_file, data))
+    out = out.resolve()
     host = None
     if cell is not None and cell.partition(":")[0] == STACK:
         host = _stack_operator(cell, name, out, cell_file)

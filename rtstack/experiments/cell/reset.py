@@ -82,7 +82,7 @@ class Reset:
         except TrialError:  # it is not seen, has fallen, or is out of reach
             return False
         if aborted(result.failure_reason):
-            raise ResetAborted(f"placing {name} was aborted", result.failure_reason)
+            raise ResetAborted(f"placing {name} was aborted", str(result.failure_reason))
         return result.success
 
     def _by_a_person(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> None:

@@ -1,7 +1,7 @@
 """The solids that viewers draw, in the frames of /tf: both arms as their URDFs have them, pads, table and object."""
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from xml.etree.ElementTree import Element
 
@@ -35,20 +35,26 @@ def shapes_of(cell: CellFrames) -> list[Shape]:
     """Return the solids of a cell with its arms. Things without a size are left out."""
     shapes = []
     for side in cell.sides:
-        for link in ElementTree.fromstring(cell.urdf[side]).findall("link"):
-            for visual in link.findall("visual"):
-                origin, geometry = visual.find("origin"), visual.find("geometry")
-                place = {} if origin is None else origin.attrib
-                xyz, rpy = triple(place.get("xyz", "0 0 0")), triple(place.get("rpy", "0 0 0"))
-                name = f"{side}_{link.attrib['name']}"
-                for solid in () if geometry is None else geometry:
-                    shapes.append(Shape(name, solid.tag, xyz, rpy, _size(solid), COLOURS["arm"]))
+        shapes += [replace(each, link=f"{side}_{each.link}") for each in shapes_in(cell.urdf[side])]
         x, y, z = cell.pad_size_m[side]
         # the frame is in the pad's outer face
         shapes.append(Shape(f"{side}_pad", "box", (0.0, 0.0, -0.5 * z), _NONE, (x, y, z), COLOURS["pad"]))
     shapes.append(Shape(TABLE, "box", _NONE, _NONE, cell.table_size_m, COLOURS["table"]))
     shapes.append(Shape(OBJECT, "box", _NONE, _NONE, cell.object_size_m, COLOURS["object"]))
     return [shape for shape in shapes if any(shape.size)]
+
+
+def shapes_in(urdf: str) -> list[Shape]:
+    """Return the solids of an arm's URDF."""
+    shapes = []
+    for link in ElementTree.fromstring(urdf).findall("link"):
+        for visual in link.findall("visual"):
+            origin, geometry = visual.find("origin"), visual.find("geometry")
+            place = {} if origin is None else origin.attrib
+            xyz, rpy = triple(place.get("xyz", "0 0 0")), triple(place.get("rpy", "0 0 0"))
+            for solid in () if geometry is None else geometry:
+                shapes.append(Shape(link.attrib["name"], solid.tag, xyz, rpy, _size(solid), COLOURS["arm"]))
+    return shapes
 
 
 def _size(solid: Element) -> tuple[float, float, float]:

@@ -62,7 +62,12 @@ class RunningRobot:
 
     def finished(self):
         """Wait for the end of the job and return it."""
-        wait_for(lambda: not self.job_manager.status().job.active)
+
+        def ended() -> bool:
+            job = self.job_manager.status().job
+            return job is not None and not job.active
+
+        wait_for(ended)
         return self.job_manager.status().job
 
     def events(self, job):
