@@ -10,7 +10,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from rtstack.control.parameters import ControlParameters
@@ -91,6 +90,8 @@ def _wrench(motion: JointMotion, acceleration: Array) -> Array:
 
 
 def _place(point: NDArray, level: Array) -> Array:
+    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
+
     turned = Rotation.from_matrix(point["rotation"] @ level.T).as_rotvec()
     return np.concatenate([point["position"], turned, [point["xi"]]])
 
@@ -104,6 +105,8 @@ def _points(level: Array, vias: list[list[ViaPoint]], t_s: Array, period_s: floa
 
     A pad turns from `level` about one axis, as in a plan: the rotation vector's rate is its angular velocity.
     """
+    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
+
     points, acceleration = np.zeros(len(t_s), POINT), np.zeros((len(t_s), COLUMNS))
     place, velocity = np.zeros((len(t_s), COLUMNS)), np.zeros((len(t_s), COLUMNS))
     for column, path in enumerate(vias):

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from rtstack.control.records import POINT
@@ -92,6 +91,8 @@ def scripted_targets(
     looks at it holds them: at home they look where the bases, as they stand by now, have turned them. A pad that
     meets a side at an angle of some degrees turns the object, which a trial does in another way each time.
     """
+    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
+
     n = round(duration_s(script) / period_s)
     targets = np.zeros((2, n), POINT)
     centre_z = table.top_z + thing.size[2] / 2

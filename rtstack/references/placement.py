@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from hal.displacement import Displacement
@@ -45,6 +44,8 @@ def carried(
     stands, wanted: of the object, from its nominal place. stiffness_n_m: of a pad, towards the object. Raises
     ValueError where a joint would come nearer than ROOM_RAD to its limit.
     """
+    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
+
     poses = [end_effector_pose(model, q) for model, q in zip(models, homes, strict=True)]
     lowest = min(position[2] for position, _ in poses)  # at home the pads are just clear of the table
     height = max(table.top_z + thing.size[2] / 2.0, lowest)
@@ -116,6 +117,8 @@ def _nearest_limit(model: ArmModel, home: Array, position: Array, rotation: Arra
 
     position (3,) m, rotation (3, 3): where it ends. Joint 1, the posture, stays at home. Newton's method.
     """
+    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
+
     limits, (start, R_start) = model.robot.limits, end_effector_pose(model, home)
     lower, upper = np.array(limits.q_lower), np.array(limits.q_upper)
     turn = Rotation.from_matrix(rotation @ R_start.T).as_rotvec()
