@@ -27,7 +27,11 @@ NOT_RUN = {
 # pages that install examples/learned_grab
 WITH_LEARNED_GRAB = ("docs/howto/policy.md",)
 # whose commands take long, and are those of tests/cli and tests/deploy too
-LONG = tuple(f"docs/howto/{name}.md" for name in ("cell", "desk", "one_arm", "policy", "review", "robot"))
+LONG = (
+    "docs/quickstart.md",
+    "docs/tutorial.md",
+    *(f"docs/howto/{name}.md" for name in ("cell", "dataset", "desk", "one_arm", "policy", "review", "robot")),
+)
 
 
 def _uses(page: Path) -> list[Block]:

@@ -35,6 +35,7 @@ def _as_program(folder: Path, name: str, *arguments: str) -> subprocess.Complete
     return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
 
 
+@pytest.mark.long
 def test_one_to_seven_run_without_a_robot(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     said = {}

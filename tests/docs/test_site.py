@@ -21,6 +21,9 @@ _LOADING = {"script": "src", "img": "src", "iframe": "src", "source": "src", "li
 _LOADED_LINKS = {"stylesheet", "icon", "preload", "preconnect", "modulepreload", "dns-prefetch"}
 
 
+pytestmark = pytest.mark.long  # `make docs` is the command for it
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site, as `make docs` builds it."""

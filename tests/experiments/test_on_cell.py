@@ -48,6 +48,7 @@ def until(happened, process):
 
 
 @pytest.mark.timeout(900)
+@pytest.mark.long  # tests/papers/aim_aware/test_hits.py runs one on an arm, and the parts have tests below
 def test_a_campaign_runs_on_served_arms_and_what_a_person_aborts_counts_for_nothing(tmp_path):
     out, cell_file, tracker = tmp_path / "out", tmp_path / "cell.toml", f"127.0.0.1:{free_port()}"
     cell_file.write_text(default_cell_file().read_text().replace("127.0.0.1:1341", tracker))

@@ -152,6 +152,7 @@ def test_an_alarm_is_a_force_against_the_motion(tmp_path, newton, alarms):
     assert lines["detector, from the tare"][1] == 0.0
 
 
+@pytest.mark.long
 def test_the_campaign_compares_what_is_there_and_says_how_to_get_the_rest(reality, tmp_path):
     make_panda(tmp_path / "data" / "panda_dynamics", 1.0)
     command = [sys.executable, "-m", "rtstack", "campaign", "reality", "--workers", "1"]

@@ -43,6 +43,7 @@ def test_a_wait_is_told_once_and_again_when_there_is_another(listener, tmp_path)
     assert [each["text"] for each in heard] == ["grabs: box: move it 12 mm", "grabs: the arms rest for 60 s more"]
 
 
+@pytest.mark.long
 def test_the_end_of_a_campaign_is_told(listener, command, tmp_path):
     url, heard = listener
     done = command.run(tmp_path / "out", "--workers", "1", "--webhook", url)

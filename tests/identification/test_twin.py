@@ -84,6 +84,7 @@ def test_intervals_hold_where_neighbouring_samples_share_their_errors():
     assert 0.90 <= inside / 200 <= 0.99
 
 
+@pytest.mark.long
 def test_a_log_that_does_not_excite_says_so_and_its_profile_can_be_simulated(demonstration, tmp_path, command_line):
     out = tmp_path / "twin"
     said = command_line("twin", demonstration.path, "--out", out)
@@ -104,6 +105,7 @@ def test_a_log_that_does_not_excite_says_so_and_its_profile_can_be_simulated(dem
     assert played.returncode == 0, played.stderr
 
 
+@pytest.mark.long
 def test_what_touches_tells_the_estimates_delay_and_the_pads_stiffness(demonstration, tmp_path, command_line):
     truth = {
         "torque_offset": [0.3, -0.2, 0.1, 0.0, 0.05, -0.1, 0.02],

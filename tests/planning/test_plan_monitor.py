@@ -30,6 +30,7 @@ def watched(cell, grabbed, tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_what_is_expected_is_what_was_planned(cell, grabbed, watched):
     k, recording = grabbed.recording.impact, grabbed.recording
     impact = grabbed.reference.impact

@@ -85,6 +85,7 @@ def test_the_law_adds_the_motors_inertia_or_does_not(cell):
         _ = InertiaParameters(law_inertia="m").added
 
 
+@pytest.mark.long
 def test_a_trial_uses_what_it_or_else_its_cell_names_and_the_log_says_which(
     run, cell, cell_of_links, demonstration, monkeypatch
 ):

@@ -132,6 +132,7 @@ def test_a_contact_that_is_run_at_all_points_is_judged_where_the_map_has_none(st
     assert len(mapped) + len(others) == whole.grid.size()
 
 
+@pytest.mark.long
 def test_a_contact_of_the_map_has_cases_and_a_plant_of_its_own(study_run):
     whole = replace(study_run, quick=False)
     cases = list(whole.cases())

@@ -101,6 +101,7 @@ def test_the_log_is_the_one_that_the_log_process_writes(finished, command, cell,
     assert ours.metadata["trial"]["law_inertia"] == theirs.metadata["trial"]["law_inertia"] == "M"
 
 
+@pytest.mark.long
 def test_a_trial_over_the_wire_has_the_row_of_the_one_in_the_workers_process(finished, command, rows, tmp_path):
     plan = load_plan(command.plan)
     copytree(finished.out / "references", tmp_path / "references")
