@@ -264,7 +264,7 @@ def test_a_plan_of_the_users_own_is_kept_offered_and_run_by_its_name_as_on_the_c
         made = keep().raise_for_status().json()
         assert made == {
             "name": "wide-shifts", "title": "wide shifts", "trials": 2 * 2 * 2 * 3 * 3, "quick_trials": 4, "own": True,
-            "problem": None,
+            "problem": None, "on_cell": True,
         }  # fmt: skip
         assert keep().status_code == 409  # never over another one
         (folder_of_plans / "wrong.toml").write_text('name = "wrong"\n')
