@@ -15,9 +15,9 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_play
 
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME, RobotClient
 from tests.support.console.chromium import ARGUMENTS, CHROMIUM
-from tests.support.console.operator_hands import Operator
 
 ARM_PATIENCE_S = 120.0
+READY_MS = 240_000  # code may have to be compiled for this machine first
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
 
 expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late
@@ -141,13 +141,6 @@ def console(browser: Browser, printed_address: str) -> Iterator[Console]:
     )
     yield Console(context.new_page(), printed_address)
     context.close()
-
-
-@pytest.fixture
-def operator(console: Console) -> Iterator[Operator]:
-    """Give an operator in front of the page; nothing is held afterwards."""
-    with Operator(console) as hands:
-        yield hands
 
 
 class Program:
