@@ -285,11 +285,8 @@ def test_the_demo_goes_the_whole_way_and_opens_its_page_where_there_is_a_display
 
 
 def test_teach_refuses_what_it_cannot_do(tmp_path, command_line):
-    _is_refused(command_line("teach", "x.mcap", "--object", "anvil", cwd=tmp_path), tmp_path, "anvil")
     _is_refused(command_line("teach", "x.mcap", "--law-inertia", "m", cwd=tmp_path), tmp_path, "'M', 'M+B_theta'")
     _is_refused(command_line("teach", "missing/x.mcap", cwd=tmp_path), tmp_path, "missing")
-    _is_refused(command_line("review", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
-    _is_refused(command_line("recover", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
     _is_refused(command_line("dance", cwd=tmp_path), tmp_path, "dance")
 
 
