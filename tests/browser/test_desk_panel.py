@@ -10,8 +10,7 @@ from playwright.sync_api import expect
 
 from hal.desk import Trust
 from hal.desk.power import start
-from rtstack.cells import default_cell_file
-from tests.support.desk import desk_address, desk_of
+from tests.support.desk import desk_address, desk_cell_file, desk_of
 from tests.support.fci.server import Served, serve
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long]
@@ -31,13 +30,10 @@ def trust(temporary: Path) -> Trust:
 
 @pytest.fixture(scope="module")
 def stack_options(boxes: Served, trust: Trust, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
-    text = default_cell_file().read_text()
-    for side, address in (("left", boxes.left), ("right", boxes.right)):
-        text = text.replace(f"[{side}]\n", f'[{side}]\ndesk = "{desk_address(address)}"\n')
-        trust.remember(desk_address(address))
-    path = tmp_path_factory.mktemp("cell") / "cell.toml"
-    path.write_text(text)
-    return ("--cell-file", str(path))
+    desks = [desk_address(address) for address in (boxes.left, boxes.right)]
+    for desk in desks:
+        trust.remember(desk)
+    return ("--cell-file", str(desk_cell_file(tmp_path_factory.mktemp("cell") / "cell.toml", desks)))
 
 
 def test_the_page_says_what_both_boxes_say(console, boxes, trust):
