@@ -6,12 +6,11 @@ from contextlib import contextmanager
 
 import httpx
 import pytest
-from websockets.sync.client import connect
 
 from rtstack.live.client import RobotClient
 from rtstack.live.protocol import JobState
 from rtstack.safety.arming import LEASE_S
-from tests.support.console.client import arm, wait_for
+from tests.support.console.client import arm, socket, wait_for
 
 
 class Clock:
@@ -137,12 +136,7 @@ def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(served, clock):
 
     with served.signed_in() as (client, headers):
         arm(client, headers)
-        with connect(
-            f"ws://127.0.0.1:{served.port}/live",
-            additional_headers={"cookie": served.cookie(client)},
-            origin=served.base,
-            proxy=None,
-        ) as page:
+        with socket(served, "/live", client) as page:
             for _ in range(3):
                 clock.pass_until(answer)
             assert client.get("/api/status").json()["phase"] == "armed"
