@@ -114,6 +114,15 @@ def runner(cell: CellDescription, demonstration: Demonstration) -> Runner:
     return Runner(cell, demonstration.path)
 
 
+@pytest.fixture(scope="module")
+def boxes() -> Iterator[Any]:
+    """A lockstep server of both arms with the Desk of their boxes."""
+    from tests.support.fci.server import serve
+
+    with serve("--lockstep", "--desk") as served:
+        yield served
+
+
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Install a package as pip would: a module's source, and what it offers to a group, as NAME=ATTRIBUTE."""

@@ -1,7 +1,6 @@
 """The panel about Desk on the page Operate, of a cell whose file names Desk of both boxes."""
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,15 +10,9 @@ from playwright.sync_api import expect
 from hal.desk import Trust
 from hal.desk.power import start
 from tests.support.desk import desk_address, desk_cell_file, desk_of
-from tests.support.fci.server import Served, serve
+from tests.support.fci.server import Served
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long]
-
-
-@pytest.fixture(scope="module")
-def boxes() -> Iterator[Served]:
-    with serve("--lockstep", "--desk") as served:
-        yield served
 
 
 @pytest.fixture(scope="module")

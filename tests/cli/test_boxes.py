@@ -1,7 +1,6 @@
 """A cell whose file has the boxes' serial numbers is opened with these boxes only, and once they let FCI in."""
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,13 +11,7 @@ from hal.desk.power import start
 from rtstack.cells import load_description, open_cell
 from rtstack.trials.errors import TrialError
 from tests.support.desk import desk_address, desk_cell_file, desk_of
-from tests.support.fci.server import Served, serve
-
-
-@pytest.fixture(scope="module")
-def boxes() -> Iterator[Served]:
-    with serve("--lockstep", "--desk") as served:
-        yield served
+from tests.support.fci.server import Served
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,16 +12,9 @@ import pytest
 from hal.fci.arm import FciArm
 from sim_robot.desk.server import PASSWORD, USER
 from tests.support.desk import desk_address, desk_cell_file
-from tests.support.fci.server import Served, serve
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-@pytest.fixture(scope="module")
-def boxes() -> Iterator[Served]:
-    with serve("--lockstep", "--desk") as served:
-        yield served
 
 
 @pytest.fixture
