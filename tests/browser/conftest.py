@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
@@ -17,7 +18,6 @@ from rtstack.live.client import RUN_PREFIX, SOCKET_NAME, RobotClient
 from tests.support.console.chromium import ARGUMENTS, CHROMIUM
 
 ARM_PATIENCE_S = 120.0
-READY_MS = 240_000  # code may have to be compiled for this machine first
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
 
 expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late
@@ -170,6 +170,15 @@ def program(console: Console, temporary: Path) -> Iterator[Program]:
     yield program
     program.go()
     program.robot.close()
+
+
+@pytest.fixture(scope="module")
+def stage(browser: Browser, demonstration: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A console on a stage, without arms."""
+    from tests.support.console.stage import on_stage
+
+    with on_stage(browser, demonstration, tmp_path_factory.mktemp("stage") / "logs") as stage:
+        yield stage
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
-from tests.browser.conftest import READY_MS
+from tests.support.console.chromium import READY_MS
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(600)]
 LOST = "the operator let go: the page lost the operator's hand"

@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
 from rtstack.topics import HAND_TOPIC
-from tests.browser.conftest import READY_MS
+from tests.support.console.chromium import READY_MS
 
 IWER = "iwer@2.5.0"
 REST = {"left": (-0.2, 1.0, -0.4), "right": (0.2, 1.0, -0.4)}  # of the controllers in the room, m

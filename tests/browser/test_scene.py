@@ -1,13 +1,11 @@
 """The scene tells the experiment, and is looked at as an operator likes; a mouse alone moves the arms."""
 
-import contextlib
-
 import numpy as np
 import pytest
-from playwright.sync_api import Error, expect
+from playwright.sync_api import expect
 
 from rtstack.samples import SIDES
-from tests.browser.conftest import READY_MS
+from tests.support.console.chromium import NODES, READY_MS, in_scene
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
 FINDS_DEMONSTRATION = True
@@ -18,23 +16,6 @@ EYE, LOOK_AT, FIELD_OF_VIEW = np.array([-1.75, 0.0, 1.35]), np.array([-0.02, 0.0
 STEPS = 12
 
 
-def in_scene(page, script, wanted=lambda value: value):
-    """Evaluate a script in the scene's frame until its value is as wanted; return it."""
-    value = None
-    for _ in range(READY_MS // 100):
-        with contextlib.suppress(Error, ValueError):  # the frame is being loaded, or about to be
-            (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
-            value = frame.evaluate(script)
-            if wanted(value):
-                return value
-        page.wait_for_timeout(100)
-    drawn = [name for name in page.frames[-1].evaluate(NODES) if name.startswith("/trial")]
-    raise AssertionError(f"{script}: {str(value)[:400]}; drawn: {drawn}; plans: {page.evaluate(PLANS)}")
-
-
-PLANS = """performance.getEntriesByType("resource").filter(({ name }) => name.endsWith("/api/scene/plan"))
-  .map(({ startTime, responseEnd, responseStatus }) => [startTime, responseEnd, responseStatus])"""
-NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
 CAMERA = "window.__viserMutable?.camera?.position.toArray()"
 GROUND = "getComputedStyle(document.body).backgroundColor"
 

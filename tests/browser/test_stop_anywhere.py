@@ -7,16 +7,10 @@ from playwright.sync_api import expect
 
 from rtstack.live.protocol import JobState
 from tests.support.console.chromium import leave_scene_undrawn
-from tests.support.console.stage import PATIENCE_MS, on_stage
+from tests.support.console.stage import PATIENCE_MS
 from tests.support.console.stop_ways import WAYS, come_to, lead_focus
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module")
-def stage(browser, demonstration, tmp_path_factory):
-    with on_stage(browser, demonstration, tmp_path_factory.mktemp("stop") / "logs") as stage:
-        yield stage
 
 
 TYPED_AGAIN = 20

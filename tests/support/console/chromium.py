@@ -1,8 +1,14 @@
-"""The browser of the tests, and the options that it gets."""
+"""The browser of the tests, the options that it gets, and what is drawn in the frame of its scene."""
 
-from playwright.sync_api import Page
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from playwright.sync_api import Error, Page
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's
+READY_MS = 240_000  # code may have to be compiled for this machine first
+NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
 ARGUMENTS = [
     "--headless",
     "--no-sandbox",
@@ -16,3 +22,16 @@ ARGUMENTS = [
 def leave_scene_undrawn(page: Page) -> None:
     """Serve the scene's frame without its drawing, which a machine without a graphics card would have to do itself."""
     page.route("**/viser/**", lambda route: route.fulfill(content_type="text/html", body="<p id=drawn>scene</p>"))
+
+
+def in_scene(page: Page, script: str, wanted: Callable[[Any], Any] = bool) -> Any:
+    """Evaluate a script in the scene's frame until its value is as wanted; return it."""
+    value = None
+    for _ in range(READY_MS // 100):
+        with suppress(Error, ValueError):  # the frame is being loaded, or about to be
+            (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
+            value = frame.evaluate(script)
+            if wanted(value):
+                return value
+        page.wait_for_timeout(100)
+    raise AssertionError(f"{script}: {str(value)[:400]}; drawn: {page.frames[-1].evaluate(NODES)}")
