@@ -17,6 +17,7 @@ import httpx
 import msgspec
 import pytest
 from fastapi.routing import APIRoute
+from viser._messages import TransformControlsUpdateMessage
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -162,7 +163,7 @@ def test_a_viewers_session_looks_and_stops_and_no_more(served):
 def test_a_viewers_gizmo_is_dropped_even_under_the_holders_name(served):
     server = served.parts.scenes.server(Detail.LIGHT)
     heard = []
-    server.viser._websock_server.register_handler(_gizmo_message(), lambda *_: heard.append(True))
+    server.viser._websock_server.register_handler(TransformControlsUpdateMessage, lambda *_: heard.append(True))
     with served.signed_in() as (client, headers):
         arm(client, headers)
         wait_for(lambda: served.parts.watch.view.status.holder == "operator 1")
@@ -182,12 +183,6 @@ def test_a_viewers_gizmo_is_dropped_even_under_the_holders_name(served):
                 own.send(FORGED)
                 wait_for(lambda: len(heard) > 1)
     assert len(heard) == 2
-
-
-def _gizmo_message():
-    from viser import _messages
-
-    return _messages.TransformControlsUpdateMessage
 
 
 def test_a_session_that_signed_out_is_over_and_so_is_what_it_had_open(served):

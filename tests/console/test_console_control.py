@@ -2,7 +2,7 @@
 
 import json
 import time
-from contextlib import contextmanager
+from contextlib import closing
 
 import httpx
 import pytest
@@ -40,14 +40,6 @@ def clock(served):
 
 def post(client, headers, verb, **body):
     return client.post(f"/api/{verb}", json=body, headers=headers)
-
-
-@contextmanager
-def program(served):
-    """A program that speaks with the robot process itself."""
-    client = RobotClient(served.parts.client._path)
-    yield client
-    client.close()
 
 
 def test_taking_arming_and_releasing_say_what_they_did(served):
@@ -144,7 +136,7 @@ def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(served, clock):
 
 
 def test_stop_needs_no_lease_disarms_and_is_remembered_with_its_name(served):
-    with served.signed_in() as (client, headers), program(served) as other:
+    with served.signed_in() as (client, headers), closing(RobotClient(served.parts.client._path)) as other:
         other.take("ben")
         other.arm("ben")
         assert post(client, headers, "stop").status_code == 200

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+from PIL import Image
 from playwright.sync_api import Error, Page
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's
@@ -35,3 +37,11 @@ def in_scene(page: Page, script: str, wanted: Callable[[Any], Any] = bool) -> An
                 return value
         page.wait_for_timeout(100)
     raise AssertionError(f"{script}: {str(value)[:400]}; drawn: {page.frames[-1].evaluate(NODES)}")
+
+
+def centre_of_hue(picture: Image.Image, colour: tuple[int, int, int], least: int) -> float | None:
+    """Return the mean column of the saturated pixels of a colour's hue, None where there are not `least` of them."""
+    hue = Image.new("RGB", (1, 1), colour).convert("HSV").getpixel((0, 0))[0]  # pyright: ignore[reportIndexIssue, reportOptionalSubscript]
+    pixels = np.asarray(picture.convert("HSV")).astype(int)
+    fits = (abs(pixels[..., 0] - hue) < 10) & (pixels[..., 1] > 130) & (pixels[..., 2] > 60)
+    return float(np.nonzero(fits)[1].mean()) if fits.sum() > least else None
