@@ -56,26 +56,23 @@ def test_what_is_wrong_has_its_line_key_and_reason(tmp_path, old, new, key):
     assert len(said) > len(f"{path}:{line}: key {key}") + 5
 
 
-@pytest.mark.parametrize(("text", "line"), [("name = 'a'\nsimulated = maybe\n", 2), ("name = 'a'\nname = 'b'\n", 2)])
-def test_what_is_no_toml_has_its_line(tmp_path, text, line):
+SAFETY = TEXT[TEXT.index("[safety]") : TEXT.index("[tracker]")]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("name = 'a'\nsimulated = maybe\n", r":2: not valid TOML"),
+        ("name = 'a'\nname = 'b'\n", r":2: not valid TOML"),
+        (TEXT.replace("[pad]", "[paddle]"), r"(:\d+)?: key pad"),  # it is nowhere
+        (f"safety = 3\n{TEXT.replace(SAFETY, '')}", r":1: key safety: "),
+    ],
+    ids=["no TOML", "twice", "missing", "no table"],
+)
+def test_what_is_no_table_has_its_line_too(tmp_path, text, said):
     path = tmp_path / "cell.toml"
     path.write_text(text)
-    with pytest.raises(ConfigurationError, match=rf"cell\.toml:{line}: not valid TOML"):
-        load_cell_description(path)
-
-
-def test_a_table_that_is_missing_is_named_without_a_line(tmp_path):
-    path = tmp_path / "cell.toml"
-    path.write_text(TEXT.replace("[pad]", "[paddle]"))
-    with pytest.raises(ConfigurationError, match=r"cell\.toml(:\d+)?: key pad"):
-        load_cell_description(path)
-
-
-def test_a_table_that_is_none_is_named_with_its_line(tmp_path):
-    path = tmp_path / "cell.toml"
-    own = TEXT[TEXT.index("[safety]") : TEXT.index("[tracker]")]
-    path.write_text(f"safety = 3\n{TEXT.replace(own, '')}")
-    with pytest.raises(ConfigurationError, match=r"cell\.toml:1: key safety: "):
+    with pytest.raises(ConfigurationError, match=rf"cell\.toml{said}"):
         load_cell_description(path)
 
 
