@@ -114,6 +114,15 @@ def runner(cell: CellDescription, demonstration: Demonstration) -> Runner:
     return Runner(cell, demonstration.path)
 
 
+@pytest.fixture(scope="module")
+def boxes() -> Iterator[Any]:
+    """A lockstep server of both arms with the Desk of their boxes."""
+    from tests.support.fci.server import serve
+
+    with serve("--lockstep", "--desk") as served:
+        yield served
+
+
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Install a package as pip would: a module's source, and what it offers to a group, as NAME=ATTRIBUTE."""
@@ -121,12 +130,9 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 
     def put(package: str, source: str, group: str, **offers: str) -> None:
         place = tmp_path / "installed" / package
-        metadata = place / f"{package}-1.2.dist-info"
-        metadata.mkdir(parents=True)
+        offered = {name: f"{package}:{attribute}" for name, attribute in offers.items()}
+        _describe(place, package, package, "1.2", {group: offered})
         (place / f"{package}.py").write_text(source)
-        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n")
-        lines = [f"{name} = {package}:{attribute}" for name, attribute in offers.items()]
-        (metadata / "entry_points.txt").write_text("\n".join([f"[{group}]", *lines, ""]))
         monkeypatch.syspath_prepend(str(place))
         extensions._offered.cache_clear()
         installed.append(package)
@@ -135,6 +141,15 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
     extensions._offered.cache_clear()
     for package in installed:
         sys.modules.pop(package, None)
+
+
+def _describe(place: Path, package: str, name: str, version: str, offers: dict[str, dict[str, str]]) -> None:
+    """Write what pip leaves of a package: its name and version, and what it offers to each group."""
+    metadata = place / f"{package}-{version}.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    groups = [(f"[{group}]", *(f"{name} = {target}" for name, target in of.items())) for group, of in offers.items()]
+    (metadata / "entry_points.txt").write_text("".join(f"{line}\n" for group in groups for line in group))
 
 
 @pytest.fixture
@@ -154,15 +169,7 @@ def _installed(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
     source = Path(__file__).parents[1] / "examples" / name
     project = tomllib.loads((source / "pyproject.toml").read_text())["project"]
     place = tmp_path / f"installed_{name}"
-    metadata = place / f"{name}-{project['version']}.dist-info"
-    metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
-    )
-    lines = []
-    for group, offers in project["entry-points"].items():
-        lines += [f"[{group}]", *(f"{name} = {target}" for name, target in offers.items())]
-    (metadata / "entry_points.txt").write_text("\n".join([*lines, ""]))
+    _describe(place, name, project["name"], project["version"], project["entry-points"])
     monkeypatch.syspath_prepend(str(place))
     paths = (str(place), str(source), os.environ.get("PYTHONPATH"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))

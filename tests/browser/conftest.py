@@ -9,13 +9,13 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME, RobotClient
 from tests.support.console.chromium import ARGUMENTS, CHROMIUM
-from tests.support.console.operator_hands import Operator
 
 ARM_PATIENCE_S = 120.0
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
@@ -143,13 +143,6 @@ def console(browser: Browser, printed_address: str) -> Iterator[Console]:
     context.close()
 
 
-@pytest.fixture
-def operator(console: Console) -> Iterator[Operator]:
-    """Give an operator in front of the page; nothing is held afterwards."""
-    with Operator(console) as hands:
-        yield hands
-
-
 class Program:
     """A program that speaks with the robot process itself, as ben, and gives signs of life until it goes."""
 
@@ -177,6 +170,15 @@ def program(console: Console, temporary: Path) -> Iterator[Program]:
     yield program
     program.go()
     program.robot.close()
+
+
+@pytest.fixture(scope="module")
+def stage(browser: Browser, demonstration: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A console on a stage, without arms."""
+    from tests.support.console.stage import on_stage
+
+    with on_stage(browser, demonstration, tmp_path_factory.mktemp("stage") / "logs") as stage:
+        yield stage
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,7 @@ import pytest
 from playwright.sync_api import expect
 
 from rtstack.cells import default_cell_file
-from tests.support.console.chromium import leave_scene_undrawn
-from tests.support.console.operator_hands import READY_MS
+from tests.support.console.chromium import READY_MS, leave_scene_undrawn
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(600)]
 CAMERA = """

@@ -1,7 +1,6 @@
 """The panel about Desk on the page Operate, of a cell whose file names Desk of both boxes."""
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,17 +9,10 @@ from playwright.sync_api import expect
 
 from hal.desk import Trust
 from hal.desk.power import start
-from rtstack.cells import default_cell_file
-from tests.support.desk import desk_address, desk_of
-from tests.support.fci.server import Served, serve
+from tests.support.desk import desk_address, desk_cell_file, desk_of
+from tests.support.fci.server import Served
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long]
-
-
-@pytest.fixture(scope="module")
-def boxes() -> Iterator[Served]:
-    with serve("--lockstep", "--desk") as served:
-        yield served
 
 
 @pytest.fixture(scope="module")
@@ -31,13 +23,10 @@ def trust(temporary: Path) -> Trust:
 
 @pytest.fixture(scope="module")
 def stack_options(boxes: Served, trust: Trust, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
-    text = default_cell_file().read_text()
-    for side, address in (("left", boxes.left), ("right", boxes.right)):
-        text = text.replace(f"[{side}]\n", f'[{side}]\ndesk = "{desk_address(address)}"\n')
-        trust.remember(desk_address(address))
-    path = tmp_path_factory.mktemp("cell") / "cell.toml"
-    path.write_text(text)
-    return ("--cell-file", str(path))
+    desks = [desk_address(address) for address in (boxes.left, boxes.right)]
+    for desk in desks:
+        trust.remember(desk)
+    return ("--cell-file", str(desk_cell_file(tmp_path_factory.mktemp("cell") / "cell.toml", desks)))
 
 
 def test_the_page_says_what_both_boxes_say(console, boxes, trust):

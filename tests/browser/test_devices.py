@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
-from tests.support.console.operator_hands import READY_MS
+from tests.support.console.chromium import READY_MS
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(600)]
 LOST = "the operator let go: the page lost the operator's hand"
@@ -48,6 +48,7 @@ def page(emulated):
     page.check("input[name=release][value=hold]", force=True)
     page.check("input[name=handles][value=move]", force=True)
     page.click("#record")
+    expect(page.locator("#recording")).to_contain_text("REC")
     expect(page.locator("#clutch")).to_have_attribute("data-state", "ready", timeout=READY_MS)
     return page
 

@@ -12,9 +12,9 @@ from playwright.sync_api import Page, expect
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
 from rtstack.topics import HAND_TOPIC
+from tests.support.console.chromium import READY_MS
 
 IWER = "iwer@2.5.0"
-READY_MS = 240_000
 REST = {"left": (-0.2, 1.0, -0.4), "right": (0.2, 1.0, -0.4)}  # of the controllers in the room, m
 TREMOR_M, TREMOR_HZ = 0.3e-3, 9.0  # physiological tremor of an outstretched hand: 8 to 12 Hz, below a millimetre
 RIGHT_LATER_S = 0.03  # two hands do not begin together

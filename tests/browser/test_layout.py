@@ -3,8 +3,6 @@
 import pytest
 from playwright.sync_api import expect
 
-from tests.support.console.stage import on_stage
-
 pytestmark = pytest.mark.browser
 
 # every shift that Chromium reports (https://wicg.github.io/layout-instability/), also those soon after an input
@@ -37,12 +35,6 @@ PLACES = """(selectors) => selectors.map((selector) => {
   const top = element.closest('.bar') ? y : y + scrollY; // the page of a phone scrolls to what is pressed
   return selector === '#control-line' ? [x, top] : [x, top, width, height];
 })"""
-
-
-@pytest.fixture(scope="module")
-def stage(browser, demonstration, tmp_path_factory):
-    with on_stage(browser, demonstration, tmp_path_factory.mktemp("layout") / "logs") as stage:
-        yield stage
 
 
 @pytest.mark.parametrize(

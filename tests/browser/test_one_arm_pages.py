@@ -8,17 +8,16 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
+from tests.support.console.chromium import NODES, in_scene
 from tests.support.one_arm import one_arm_file
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
 COMMAND = Path(sys.executable).with_name("rtstack")
 WIDTH, HEIGHT = 1280, 800
-LOOKS = 120  # 0.5 s apart
 OTHER = re.compile(r"\bright arm\b|\bboth (arms|pads)\b|\bother arm\b|\btwo arms\b|right\.", re.IGNORECASE)
 SHOWN = """() => [document.body.innerText, ...[...document.querySelectorAll('[title], [aria-label], option')]
   .filter((each) => each.checkVisibility()).flatMap((each) => [each.title, each.ariaLabel, each.text])]
   .filter(Boolean).join('\\n')"""
-NODES = """() => Object.keys(document.getElementById('scene').contentWindow?.__viserSceneTree?.getState() ?? {})"""
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +55,7 @@ def nothing_of_the_other(page):
 
 def nodes(page):
     """The paths in the scene, once the arm is there."""
-    expect(page.locator("#scene")).to_be_visible()
-    for _ in range(LOOKS):
-        found = page.evaluate(NODES)
-        if any(path.startswith("/left/") for path in found):
-            return found
-        page.wait_for_timeout(500)
-    raise AssertionError(f"the arm is never drawn: {found}")
+    return in_scene(page, NODES, lambda found: any(path.startswith("/left/") for path in found))
 
 
 def test_operate_shows_this_arm_alone(page):

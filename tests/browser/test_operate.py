@@ -13,6 +13,7 @@ from rtstack.live.protocol import RunRequest
 from rtstack.log.reader import read_log
 from rtstack.safety.arming import LEASE_S
 from rtstack.trials.specification import DemonstrationSpecification
+from tests.support.console.chromium import centre_of_hue
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINISHED_MS = 120_000
@@ -41,7 +42,7 @@ def test_the_scene_shows_both_pads_and_the_object(console):
     expected = {"left": (86, 180, 233), "right": (230, 159, 0)}
     for _ in range(30):
         image = Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")
-        places = {side: _centre_of_hue(image, colour) for side, colour in expected.items()}
+        places = {side: centre_of_hue(image, colour, 80) for side, colour in expected.items()}
         if all(place is not None for place in places.values()):
             break
         console.page.wait_for_timeout(1000)
@@ -49,14 +50,6 @@ def test_the_scene_shows_both_pads_and_the_object(console):
     assert places["right"] is not None
     assert places["left"] < image.width / 2 < places["right"]
     assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 200
-
-
-def _centre_of_hue(image, colour):
-    """Mean column of the saturated pixels of a colour's hue, None where there are hardly any."""
-    hue = Image.new("RGB", (1, 1), colour).convert("HSV").getpixel((0, 0))[0]
-    pixels = np.asarray(image.convert("HSV")).astype(int)
-    fits = (abs(pixels[..., 0] - hue) < 10) & (pixels[..., 1] > 130) & (pixels[..., 2] > 60)
-    return float(np.nonzero(fits)[1].mean()) if fits.sum() > 80 else None
 
 
 def test_what_cannot_act_says_why_until_somebody_has_armed(console):

@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.conftest import COMMAND
-from tests.support.console.operator_hands import READY_MS
+from tests.support.console.chromium import READY_MS
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(600)]
 PATIENCE_MS = 60_000

@@ -71,11 +71,16 @@ def test_a_part_is_used_and_accepted_by_one_key_and_the_page_says_so_at_once(con
     page.keyboard.press("Tab")
     expect(page.locator("#verdict")).to_contain_text("not kept yet", timeout=PATIENCE_MS)
     expect(page.locator("#facts")).to_contain_text("0.400 s to")
+    page.fill("#name", "a short way")
     page.locator("h2").first.click()
     page.keyboard.press("a")
     expect(page.locator("#verdict")).to_have_text("Accepted: trials may follow it.")
     expect(page.locator("#episodes small")).to_contain_text("accepted")
-    page.reload()
+    there = page.url
+    page.goto("/")
+    row = page.locator("#logs tbody tr", has_text="a short way")
+    row.get_by_role("link", name="accepted").click()
+    expect(page).to_have_url(there)
     expect(page.locator("#from")).to_have_value("0.4")
     expect(page.locator("#verdict")).to_have_text("Accepted: trials may follow it.", timeout=PATIENCE_MS)
 

@@ -15,6 +15,7 @@ from rtstack.log.reader import read_log
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.topics import TOPICS
+from tests.support.console.chromium import centre_of_hue
 from tests.support.console.served_console import serve_console
 
 _DRAWN = """async name => {
@@ -282,14 +283,6 @@ def test_the_event_list_goes_to_the_spike_and_markup_stays_text(page):
     expect(page.locator("#figure-area")).to_have_attribute("data-window", re.compile(r"^0,5\."))
 
 
-def hue_place(image, colour):
-    """Mean column of a colour's pixels, None where there are hardly any."""
-    hue = Image.new("RGB", (1, 1), colour).convert("HSV").getpixel((0, 0))[0]
-    pixels = np.asarray(image.convert("HSV")).astype(int)
-    fits = (abs(pixels[..., 0] - hue) < 10) & (pixels[..., 1] > 130) & (pixels[..., 2] > 60)
-    return float(np.nonzero(fits)[1].mean()) if fits.sum() > 20 else None
-
-
 def test_cursor_slider_and_scene_move_together(page):
     slider, now = page.locator("#slider"), page.locator("#now")
     canvas = page.frame_locator("#scene").locator("canvas").first
@@ -298,7 +291,7 @@ def test_cursor_slider_and_scene_move_together(page):
     def pads_apart():
         for _ in range(60):
             image = Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")
-            places = [hue_place(image, colour) for colour in ((86, 180, 233), (230, 159, 0))]
+            places = [centre_of_hue(image, colour, 20) for colour in ((86, 180, 233), (230, 159, 0))]
             if None not in places:
                 return places[1] - places[0]
             page.wait_for_timeout(500)

@@ -1,37 +1,21 @@
 """The scene tells the experiment, and is looked at as an operator likes; a mouse alone moves the arms."""
 
-import contextlib
-
 import numpy as np
 import pytest
-from playwright.sync_api import Error, expect
+from playwright.sync_api import expect
 
 from rtstack.samples import SIDES
-from tests.support.console.operator_hands import READY_MS, ClutchLost
+from tests.support.console.chromium import NODES, READY_MS, in_scene
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
 FINDS_DEMONSTRATION = True
-ATTEMPTS = 5
-RAISED_M = 0.05
+GRIP = np.array((0.0, 0.35, 0.26))  # of the left arm at home
+ARROW_M, RAISED_M = 0.17, 0.05  # from the gizmo's middle to between the arrow's shaft and tip; how far it is dragged
+# the scene's first camera: console/scene/scene.py
+EYE, LOOK_AT, FIELD_OF_VIEW = np.array([-1.75, 0.0, 1.35]), np.array([-0.02, 0.0, 0.3]), 0.72
+STEPS = 12
 
 
-def in_scene(page, script, wanted=lambda value: value):
-    """Evaluate a script in the scene's frame until its value is as wanted; return it."""
-    value = None
-    for _ in range(600):
-        with contextlib.suppress(Error):  # the frame is being loaded
-            (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
-            value = frame.evaluate(script)
-            if wanted(value):
-                return value
-        page.wait_for_timeout(100)
-    drawn = [name for name in frame.evaluate(NODES) if name.startswith("/trial")]
-    raise AssertionError(f"{script}: {str(value)[:400]}; drawn: {drawn}; plans: {page.evaluate(PLANS)}")
-
-
-PLANS = """performance.getEntriesByType("resource").filter(({ name }) => name.endsWith("/api/scene/plan"))
-  .map(({ startTime, responseEnd, responseStatus }) => [startTime, responseEnd, responseStatus])"""
-NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
 CAMERA = "window.__viserMutable?.camera?.position.toArray()"
 GROUND = "getComputedStyle(document.body).backgroundColor"
 
@@ -156,38 +140,79 @@ def test_the_ground_of_the_scene_is_the_themes(console):
     assert min(map(int, light.strip("rgb()").split(","))) > 200  # no black floor in the light theme
 
 
+DRAWN = "window.__viserTestpoints?.rendererInfo.render.frame ?? 0"
+
+
+def drawn_anew(page):
+    """Wait until the scene has been drawn anew some times: what is new in it is prepared at its first picture."""
+    first = in_scene(page, DRAWN)
+    in_scene(page, DRAWN, lambda now: now > first + 4)
+
+
+def pixel(point, width, height):
+    """Where the scene's first camera shows a point of the world."""
+    forward = (LOOK_AT - EYE) / np.linalg.norm(LOOK_AT - EYE)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    ray = point - EYE
+    scale = height / 2 / np.tan(FIELD_OF_VIEW / 2) / (ray @ forward)
+    return width / 2 + scale * (ray @ right), height / 2 - scale * (ray @ up)
+
+
+def drag_up(page, pause_ms=0):
+    """Drag the upward arrow of the left gizmo, which stands at home; stay at the end for so long."""
+    box = page.frame_locator("#scene").locator("canvas").first.bounding_box()
+    assert box is not None
+    begin, end = (GRIP + (0.0, 0.0, ARROW_M + way) for way in (0.0, RAISED_M))
+    first, last = (np.array(pixel(at, box["width"], box["height"])) + (box["x"], box["y"]) for at in (begin, end))
+    page.mouse.move(*first)
+    page.wait_for_timeout(200)
+    page.mouse.down()
+    for k in range(1, STEPS + 1):
+        page.mouse.move(*(first + (last - first) * k / STEPS))
+        page.wait_for_timeout(50)
+    page.wait_for_timeout(pause_ms)
+    page.mouse.up()
+
+
 HEIGHT = "window.__viserMutable?.nodePoseData['/command/left']?.position[2]"
 
 
-def test_a_mouse_alone_moves_an_arm_and_takes_it_back(console, operator):
+def test_a_mouse_alone_moves_an_arm_and_takes_it_back(console):
     """The button that drags the gizmo is the clutch; without it, and without C, the page says why nothing moves."""
     page = console.page
-    for _ in range(ATTEMPTS):
-        try:
-            page.click("#tab-hand")
-            page.uncheck("#drag-holds")
-            page.get_by_text("holds", exact=True).click()
-            operator.begin("#practise")
-            operator.drag("left", 2, RAISED_M, held=False)
-            expect(page.locator("#hand-line")).to_contain_text("the clutch is not held")
-            operator.reset_view()
-            home = in_scene(page, HEIGHT)
-            page.check("#drag-holds")
-            operator.drag("left", 2, RAISED_M, held=False, pause_ms=1500)
-            expect(page.locator("#clutch")).to_have_attribute("data-state", "ready")  # let go with the mouse
-            raised = in_scene(page, HEIGHT, lambda now, home=home: now - home > 0.5 * RAISED_M)
-            assert raised - home < 1.5 * RAISED_M
-            expect(page.locator("#undo")).to_be_enabled()
-            page.hover("#undo")
-            page.mouse.down()
-            expect(page.locator("#hand-line")).to_contain_text("Let go of Undo: they hold where they are")
-            in_scene(page, HEIGHT, lambda now, home=home: abs(now - home) < 0.005)
-            page.mouse.up()
-            page.click("#finish")
-            expect(page.locator("#job-line")).to_contain_text("succeeded", timeout=READY_MS)
-            break
-        except ClutchLost:
-            operator.recover()
+    page.click("#tab-hand")
+    page.uncheck("#drag-holds")
+    page.get_by_text("holds", exact=True).click()
+    drawn_anew(page)
+    console.arm()
+    page.click("#practise")
+    expect(page.locator("#clutch")).to_have_attribute("data-state", "ready", timeout=READY_MS)
+    drawn_anew(page)  # with the gizmos
+    for key, coupling in (("2", "mirrored"), ("3", "linked"), ("1", "separate")):
+        page.keyboard.press(key)
+        expect(page.locator("input[name=coupling]:checked")).to_have_value(coupling)
+    drag_up(page)
+    expect(page.locator("#hand-line")).to_contain_text("the clutch is not held")
+    in_scene(page, "window.before = 1")
+    page.click("#home")  # from the first place again, for which the scene is loaded
+    in_scene(page, "window.before ?? 0", lambda before: not before)
+    drawn_anew(page)
+    home = in_scene(page, HEIGHT)
+    page.check("#drag-holds")
+    drag_up(page, pause_ms=1500)
+    expect(page.locator("#clutch")).to_have_attribute("data-state", "ready")  # let go with the mouse
+    raised = in_scene(page, HEIGHT, lambda now: now - home > 0.5 * RAISED_M)
+    assert raised - home < 1.5 * RAISED_M
+    expect(page.locator("#undo")).to_be_enabled()
+    page.hover("#undo")
+    page.mouse.down()
+    expect(page.locator("#hand-line")).to_contain_text("Let go of Undo: they hold where they are")
+    in_scene(page, HEIGHT, lambda now: abs(now - home) < 0.005)
+    page.mouse.up()
+    page.click("#finish")
+    expect(page.locator("#job-line")).to_contain_text("succeeded", timeout=READY_MS)
     page.uncheck("#drag-holds")
     page.get_by_text("stops", exact=True).click()
 

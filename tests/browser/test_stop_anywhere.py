@@ -7,19 +7,13 @@ from playwright.sync_api import expect
 
 from rtstack.live.protocol import JobState
 from tests.support.console.chromium import leave_scene_undrawn
-from tests.support.console.operator_hands import type_words
-from tests.support.console.stage import PATIENCE_MS, on_stage
+from tests.support.console.stage import PATIENCE_MS
 from tests.support.console.stop_ways import WAYS, come_to, lead_focus
 
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture(scope="module")
-def stage(browser, demonstration, tmp_path_factory):
-    with on_stage(browser, demonstration, tmp_path_factory.mktemp("stop") / "logs") as stage:
-        yield stage
-
-
+TYPED_AGAIN = 20
 TYPED = "[...document.querySelectorAll('input, textarea')].map((field) => field.value).join('|')"
 
 
@@ -58,6 +52,22 @@ def arriving(served, page):
         page.wait_for_timeout(100)
     shown = page.evaluate("[document.activeElement.outerHTML, document.getElementById('errors')?.innerText]")
     raise AssertionError(f"STOP has not arrived: {page.url}, {shown}, {page.locator('#control-light').inner_text()}")
+
+
+def type_words(page, selector, words):
+    """Type words with a space into a field; whether they were there at once.
+
+    On a page that has had no news for 0.5 s the space is STOP: then they are typed again.
+    """
+    field = page.locator(selector)
+    for k in range(TYPED_AGAIN):
+        field.fill("")
+        field.click()
+        page.keyboard.type(words)
+        if field.input_value() == words:
+            return k == 0
+        page.wait_for_timeout(500)
+    raise AssertionError(f"a space is never typed: {field.input_value()}")
 
 
 def test_a_space_is_typed_while_nothing_moves_and_enter_starts_nothing(stage):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from hal.base.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.fci import fci_addresses
@@ -43,23 +42,6 @@ def test_the_port_is_free_again_after_a_cell_that_did_not_open(tmp_path):
         open_cell(NOWHERE, "rice_box", 0.0, 0, description)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(TRACKER)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("127.0.0.1:1341", "127.0.0.1", "tracker.address"),
-        ("place_tolerance_m = 0.06", "place_tolerance_m = 0.0", "tracker.place_tolerance_m"),
-        ("speed_rad_s = 0.4", "speed_rad_s = 4.0", "start_motion.speed_rad_s"),
-        ("speed_rad_s = 0.4", "speed_rad_s = nan", "start_motion.speed_rad_s"),
-        ("longest_rad = 1.5", "longest_rad = 0", "start_motion.longest_rad"),
-        ("cutoff_hz = 0.0", "cutoff_hz = -1.0", "torque_filter.cutoff_hz"),
-    ],
-)
-def test_a_bad_number_is_one_line_that_names_the_key(tmp_path, old, new, key):
-    with pytest.raises(ConfigurationError, match=f"key {key}") as refused:
-        load_cell_description(edited(tmp_path, old, new))
-    assert "\n" not in str(refused.value)
 
 
 def test_a_description_of_before_has_the_defaults(tmp_path):

@@ -4,25 +4,17 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from hal.fci.arm import FciArm
-from rtstack.cells import default_cell_file
 from sim_robot.desk.server import PASSWORD, USER
-from tests.support.desk import desk_address
-from tests.support.fci.server import Served, serve
+from tests.support.desk import desk_address, desk_cell_file
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-@pytest.fixture(scope="module")
-def boxes() -> Iterator[Served]:
-    with serve("--lockstep", "--desk") as served:
-        yield served
 
 
 @pytest.fixture
@@ -41,12 +33,7 @@ def rtstack(tmp_path) -> Run:
 
 @pytest.fixture
 def cell_file(boxes, tmp_path) -> str:
-    text = default_cell_file().read_text()
-    for side, address in (("left", boxes.left), ("right", boxes.right)):
-        text = text.replace(f"[{side}]\n", f'[{side}]\ndesk = "{desk_address(address)}"\n')
-    path = tmp_path / "cell.toml"
-    path.write_text(text)
-    return str(path)
+    return str(desk_cell_file(tmp_path / "cell.toml", map(desk_address, (boxes.left, boxes.right))))
 
 
 def test_both_boxes_are_started_looked_at_and_stopped(rtstack, boxes, cell_file):

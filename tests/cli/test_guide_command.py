@@ -57,9 +57,3 @@ def test_without_a_hand_nothing_moves():
     # home: the middle of the pads' faces at y = 0.35 m and -0.35 m
     places = [re.findall(r"-?\d\.\d{4}", line) for line in said[1:]]
     assert np.allclose(np.array(places, dtype=float), [[0.0, 0.35, 0.26], [0.0, -0.35, 0.26]], atol=1e-3)
-
-
-def test_a_cell_that_is_not_there_is_one_line():
-    done = run("--cell=fci:127.0.0.9,127.0.0.8", "--seconds=1")
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1

@@ -20,6 +20,7 @@ from tests.support.terminal import Terminal
 
 LEFT, RIGHT = "192.0.2.2", "192.0.2.3"  # of a network that is nobody's (RFC 5737)
 TODAY = datetime.date.today()
+COMMAND = str(Path(sys.executable).with_name("rtstack"))
 
 
 def cell_file(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -131,10 +132,9 @@ def at_a_terminal(command: list[str], until: Callable[[str], bool], name: str = 
 @pytest.mark.alone
 def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, tmp_path):
     path, kind = real
-    rtstack = [str(Path(sys.executable).with_name("rtstack"))]
 
     def command(log: str) -> list[str]:
-        return [*rtstack, "teach", str(tmp_path / log), "--cell", kind, "--cell-file", str(path)]
+        return [COMMAND, "teach", str(tmp_path / log), "--cell", kind, "--cell-file", str(path)]
 
     refused = subprocess.run(command("a.mcap"), stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
@@ -154,11 +154,7 @@ def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(re
     """Without a person at a terminal it does not begin; with one, the arms move by themselves."""
     path, kind = real
     out = tmp_path / "out"
-    command = [
-        str(Path(sys.executable).with_name("rtstack")),
-        "campaign",
-        str(two_controllers(tmp_path / "p.toml", 20.0)),
-    ]
+    command = [COMMAND, "campaign", str(two_controllers(tmp_path / "p.toml", 20.0))]
     command += ["--out", str(out), "--cell", kind, "--cell-file", str(path), "--workers", "1"]
     refused = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
@@ -180,7 +176,7 @@ def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(re
 def test_check_holds_them_while_the_space_bar_is_held(real):
     path, kind = real
     left, right = kind.removeprefix("fci:").split(",")
-    command = [str(Path(sys.executable).with_name("rtstack")), "check", "--left", left, "--right", right]
+    command = [COMMAND, "check", "--left", left, "--right", right]
     command += ["--cell-file", str(path)]
     refused = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     assert refused.returncode == 1

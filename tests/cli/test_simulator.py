@@ -1,5 +1,6 @@
 """`rtstack sim` as its users meet it: what it prints, what it refuses in one line, and how it ends."""
 
+import contextlib
 import os
 import signal
 import socket
@@ -7,13 +8,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
 
 from hal.tracker_link import DATAGRAM
 from hal.wire import PORT
-from sim_robot.fci.__main__ import main
+from tests.support.one_arm import one_arm_file
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 PREFIX = f"127.{100 + os.getpid() % 100}.{1 + os.getpid() // 100 % 250}"
@@ -25,22 +27,26 @@ def command(*arguments: object) -> list[str]:
 
 
 @pytest.fixture
-def refusal(capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[..., str]]:
+def refusal(command_line: Callable[..., subprocess.CompletedProcess[str]]) -> Callable[..., str]:
     """Give it what it must refuse; returns the one line that it says."""
 
     def refused(*arguments: object) -> str:
-        try:
-            status = main(["--left", LEFT, "--right", RIGHT, *map(str, arguments)])
-        except SystemExit as end:
-            status = end.code
-        said = capsys.readouterr()
-        assert (status, said.out, said.err.count("\n")) == (2, "", 1), said
-        return said.err
+        done = command_line(*command(*arguments)[1:])
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done
+        return done.stderr
 
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield refused
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return refused
+
+
+@contextlib.contextmanager
+def serving(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
+    """Serve in a process of its own; give it, and what it says."""
+    with subprocess.Popen(command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process, process.stdout
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize(
@@ -96,9 +102,9 @@ def test_what_names_an_arm_that_is_not_there(refusal: Callable[..., str], tmp_pa
     path.write_text('[[fault]]\nkind = "user_stop"\narm = "left"\nat_s = 1.0\n', encoding="utf-8")
     said = refusal("--only", "right", "--faults", path)
     assert "script.toml:3: fault 1 (user_stop): arm cannot be 'left'; say right" in said
-    path.write_text('[right]\nmodel = "fr3"\n', encoding="utf-8")
-    assert "the cell has no left arm, only right" in refusal("--only", "left", "--cell-file", path)
-    assert "compare two arms" in refusal("--cell-file", path, "--drift-ppm", "5")
+    file = one_arm_file(tmp_path, "right")
+    assert "the cell has no left arm, only right" in refusal("--only", "left", "--cell-file", file)
+    assert "compare two arms" in refusal("--cell-file", file, "--drift-ppm", "5")
 
 
 def test_an_address_in_use(refusal: Callable[..., str]) -> None:
@@ -120,21 +126,15 @@ def test_it_says_what_comes_next_and_ctrl_c_ends_it(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind((PREFIX + ".203", 0))
         listener.settimeout(60.0)
-        host, port = listener.getsockname()
-        process = subprocess.Popen(
-            command("--faults", path, "--tracker", f"{host}:{port}", "--object", "parcel", "--displacement-mm", "10"),
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline().startswith(f"serving {LEFT} and {RIGHT}, 1 kHz")
+        tracker = "{}:{}".format(*listener.getsockname())
+        placed = ("--object", "parcel", "--displacement-mm", "10")
+        with serving("--faults", path, "--tracker", tracker, *placed) as (process, said):
+            assert said.readline().startswith(f"serving {LEFT} and {RIGHT}, 1 kHz")
             trial = f"rtstack trial --reference REC.mcap --cell fci:{LEFT},{RIGHT} --object parcel --displacement-mm=10"
-            assert process.stdout.readline() == f"run a trial against it: {trial}\n"
+            assert said.readline() == f"run a trial against it: {trial}\n"
             assert len(listener.recv(4096)) == DATAGRAM.itemsize
             process.send_signal(signal.SIGINT)
             out, err = process.communicate(timeout=60)
-        finally:
-            process.kill()
     assert process.returncode == 0
     assert "stalls of this host" in out
     assert err == ""
@@ -145,39 +145,25 @@ def test_an_empty_cell_is_served_for_a_playback() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind((PREFIX + ".204", 0))
         listener.settimeout(60.0)
-        host, port = listener.getsockname()
-        process = subprocess.Popen(
-            command("--lockstep", "--tracker", f"{host}:{port}", "--object", "none"),
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline().startswith(f"serving {LEFT} and {RIGHT}, lockstep")
-            assert process.stdout.readline().endswith(f"rtstack play LOG.mcap --cell fci:{LEFT},{RIGHT}\n")
+        tracker = "{}:{}".format(*listener.getsockname())
+        with serving("--lockstep", "--tracker", tracker, "--object", "none") as (process, said):
+            assert said.readline().startswith(f"serving {LEFT} and {RIGHT}, lockstep")
+            assert said.readline().endswith(f"rtstack play LOG.mcap --cell fci:{LEFT},{RIGHT}\n")
             assert not np.frombuffer(listener.recv(4096), DATAGRAM)["seen"][0]
             process.send_signal(signal.SIGINT)
             assert process.communicate(timeout=60) == ("", "")
-        finally:
-            process.kill()
 
 
 @pytest.mark.parametrize(
     ("side", "address", "cell"), [("left", LEFT, LEFT), ("right", RIGHT, f",{RIGHT}")], ids=["left", "right"]
 )
 def test_one_arm_is_served_and_the_other_one_is_not_mentioned(side: str, address: str, cell: str) -> None:
-    process = subprocess.Popen(
-        command("--lockstep", "--only", side, "--tracker", f"{PREFIX}.205:1341"),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == f"serving {address}, lockstep, profile ideal\n"
+    with serving("--lockstep", "--only", side, "--tracker", f"{PREFIX}.205:1341") as (process, said):
+        assert said.readline() == f"serving {address}, lockstep, profile ideal\n"
         play = f"rtstack play LOG.mcap --cell fci:{cell} --cell-file CELL.toml"
-        assert process.stdout.readline() == f"one arm alone grabs nothing: play a log on it: {play}\n"
+        assert said.readline() == f"one arm alone grabs nothing: play a log on it: {play}\n"
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=60) == ("", "")
-    finally:
-        process.kill()
 
 
 def test_ctrl_c_before_it_serves() -> None:

@@ -10,19 +10,15 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from rtstack.access.tokens import MAX_TOKENS, Scope, Tokens, TokensError
-from rtstack.cli.app import main
 
 
 @pytest.fixture
-def terminal(monkeypatch, capsys):
+def terminal(command_line):
     """What `rtstack token` says in a terminal: exit status, standard output, standard error."""
 
     def run(*words):
-        monkeypatch.setattr(sys, "argv", ["rtstack", "token", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
-        said = capsys.readouterr()
-        return end.value.code, said.out.strip(), said.err.strip()
+        done = command_line("token", *words)
+        return done.returncode, done.stdout.strip(), done.stderr.strip()
 
     return run
 

@@ -17,6 +17,7 @@ import httpx
 import msgspec
 import pytest
 from fastapi.routing import APIRoute
+from viser._messages import TransformControlsUpdateMessage
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -26,7 +27,7 @@ from console.scene.scenes import Detail
 from console.scene.server import SECRET_HEADER
 from console.sign_in import INVITATION_S
 from rtstack.access.tokens import Scope
-from tests.support.console.client import SECRET, arm, cookie_header, socket, wait_for
+from tests.support.console.client import SECRET, arm, cookie_header, has_ended, socket, wait_for
 from tests.support.console.review_log import write_log
 
 MARKUP = "<img src=x onerror=alert(1)>\"'"
@@ -162,18 +163,18 @@ def test_a_viewers_session_looks_and_stops_and_no_more(served):
 def test_a_viewers_gizmo_is_dropped_even_under_the_holders_name(served):
     server = served.parts.scenes.server(Detail.LIGHT)
     heard = []
-    server.viser._websock_server.register_handler(_gizmo_message(), lambda *_: heard.append(True))
+    server.viser._websock_server.register_handler(TransformControlsUpdateMessage, lambda *_: heard.append(True))
     with served.signed_in() as (client, headers):
         arm(client, headers)
         wait_for(lambda: served.parts.watch.view.status.holder == "operator 1")
         cookies, _ = served.second_session(Scope.VIEW)
-        ours, theirs = {"cookie": served.cookie(client)}, cookie_header(cookies)
+        theirs = cookie_header(cookies)
         viewer = served.parts.sign_in.session(next(iter(cookies.values())))
         object.__setattr__(viewer, "operator", "operator 1")  # as if names could be stolen
         with socket(served, "/viser/light", additional_headers=theirs) as page:
             page.recv(timeout=60)
             page.send(FORGED)
-            with socket(served, "/viser/light", additional_headers=ours) as own:
+            with socket(served, "/viser/light", client) as own:
                 own.recv(timeout=60)
                 own.send(FORGED)
                 wait_for(lambda: heard)
@@ -184,18 +185,12 @@ def test_a_viewers_gizmo_is_dropped_even_under_the_holders_name(served):
     assert len(heard) == 2
 
 
-def _gizmo_message():
-    from viser import _messages
-
-    return _messages.TransformControlsUpdateMessage
-
-
 def test_a_session_that_signed_out_is_over_and_so_is_what_it_had_open(served):
     with served.signed_in() as (client, headers):
         arm(client, headers)
         cookie = {"cookie": served.cookie(client)}
         paths = ("/live", "/viser/light", "/api/teleoperation/hand")
-        opened = [socket(served, path, additional_headers=cookie) for path in paths]
+        opened = [socket(served, path, client) for path in paths]
         assert client.post("/api/sign-out", headers=headers).json() == {"signed_out": True}
         assert client.get("/api/status").status_code == 401
         assert client.post("/api/arm", headers=headers).status_code == 401
@@ -205,18 +200,8 @@ def test_a_session_that_signed_out_is_over_and_so_is_what_it_had_open(served):
         opened[2].send('{"clutch": true}')
         for page in opened:
             server.viser.scene.add_frame("/nudge")  # the scene speaks when something changes
-            wait_for(lambda page=page: _has_ended(page))
+            wait_for(lambda page=page: has_ended(page))
     assert ("sign out", "operator 1") in served.trail()
-
-
-def _has_ended(page):
-    try:
-        page.recv(timeout=0.2)
-    except TimeoutError:
-        return False
-    except ConnectionClosed:
-        return True
-    return False
 
 
 def test_a_programs_session_cannot_be_had_as_a_cookie(served):
@@ -304,15 +289,14 @@ def test_a_message_that_is_too_long_ends_its_socket(served, path):
     """Its announcement is enough. Who goes on sending meets a socket that is shut, and may never read the reason."""
     size = 1 << 21
     with served.signed_in() as (client, _):
-        cookie = {"cookie": served.cookie(client)}
-        with socket(served, path, additional_headers=cookie) as page:
+        with socket(served, path, client) as page:
             page.socket.sendall(b"\x81\xff" + size.to_bytes(8, "big") + bytes(4))  # RFC 6455, 5.2: a masked text
-            wait_for(lambda: _has_ended(page))
+            wait_for(lambda: has_ended(page))
             assert page.close_code == 1009
-        with socket(served, path, additional_headers=cookie) as page:
+        with socket(served, path, client) as page:
             with suppress(ConnectionClosed):
                 page.send("x" * size)
-            wait_for(lambda: _has_ended(page))
+            wait_for(lambda: has_ended(page))
         assert client.get("/api/status").status_code == 200
 
 

@@ -11,11 +11,10 @@ from socket import create_connection
 
 import httpx
 import pytest
-from websockets.exceptions import ConnectionClosed
 
 import console.server
 from rtstack.access.tokens import Scope
-from tests.support.console.client import SECRET, cookie_header, socket, wait_for
+from tests.support.console.client import SECRET, cookie_header, has_ended, socket, wait_for
 
 HOSTS = ("[::1]:{}", "LOCALHOST:{}", "localhost.:{}", "127.1:{}", "2130706433:{}", "0.0.0.0:{}", "127.0.0.1:0{}",
          "127.0.0.1:{}@evil.example", "127.0.0.1:{}, evil.example", "evil.example/127.0.0.1:{}", "")  # fmt: skip
@@ -89,28 +88,17 @@ def test_what_is_hard_to_read_is_refused_in_one_line_and_ends_nothing_but_its_ow
                 answer = client.post("/api/take", content=body, headers=kinds | more)
                 assert (answer.status_code in (400, 422), list(answer.json())) == (True, ["error"]), name
                 assert "\n" not in answer.json()["error"]
-        cookie = {"cookie": served.cookie(client)}
         feed = client.get("/api/foxglove").json()["address"].removeprefix(f"ws://127.0.0.1:{served.port}")
         for path, protocols in (("/live", None), ("/api/teleoperation/hand", None), (feed, ["foxglove.sdk.v1"])):
-            with socket(served, path, additional_headers=cookie, subprotocols=protocols) as page:
+            with socket(served, path, client, subprotocols=protocols) as page:
                 for name in ("deep", "surrogate key", "long number", "nul"):
                     page.send(UNREADABLE[name].decode())
                 page.ping().wait(20)
                 page.send(b"\x00\xff")  # no text: not for us
-                wait_for(lambda page=page: closed(page))
+                wait_for(lambda page=page: has_ended(page))
                 assert page.close_code == 1003, path
         assert client.get("/api/status").status_code == 200
     assert [record for record in caplog.records if record.exc_info] == []
-
-
-def closed(page):
-    try:
-        page.recv(timeout=0.1)
-    except TimeoutError:
-        return False
-    except ConnectionClosed:
-        return True
-    return False
 
 
 @pytest.mark.long
@@ -118,7 +106,7 @@ def test_clients_that_never_finish_are_cut_off_and_hold_nobody_up(served, monkey
     monkeypatch.setattr(console.server, "PATIENCE_S", 3.0)
     with (
         served.signed_in() as (client, words),
-        socket(served, "/live", additional_headers={"cookie": served.cookie(client)}) as page,
+        socket(served, "/live", client) as page,
     ):
         ours = headers_of(served, client, words)
         unfinished = (
@@ -146,6 +134,7 @@ def test_a_log_is_a_file_of_the_folder_with_a_name_that_harms_no_header(served):
         (served.logs / f"{name}.mcap").symlink_to(target)
     os.mkfifo(served.logs / "pipe.mcap")
     (served.logs / "directory.mcap").mkdir()
+    (served.logs / "notes.txt").write_text("mine")
     odd = ['a"; filename="b.mcap', "x\r\nset-cookie: a=b.mcap", "caf\xe9 \u202e.mcap", "%2e%2e%2f.mcap"]
     for name in odd:
         (served.logs / name).write_bytes(b"x")
@@ -155,6 +144,7 @@ def test_a_log_is_a_file_of_the_folder_with_a_name_that_harms_no_header(served):
         rows = client.get("/api/logs").raise_for_status().json()
         assert {row["name"] for row in rows} == {*odd, "inner.mcap"}
         for row in rows:
+            assert (row["outcome"], row["recording"], row["name"] in row["id"]) == ("no log of ours", False, False)
             answer = client.get(f"/api/logs/{row['id']}/download")
             assert (answer.status_code, answer.content) == (200, b"x"), row["name"]
             assert "set-cookie" not in answer.headers
@@ -170,12 +160,14 @@ def test_no_session_is_fixed_in_advance_and_none_comes_back(served):
     address = f"{served.base}/?token={sign_in.token}"
     fixed = {"cookie": f"{sign_in.cookie}={'A' * 43}"}  # an attacker's choice
     answer = httpx.get(address, headers=fixed, trust_env=False, timeout=60.0)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")  # without the token
     assert "httponly" in answer.headers["set-cookie"].lower()
     assert "samesite=strict" in answer.headers["set-cookie"].lower()
     key = answer.cookies[sign_in.cookie]
     ours = {"cookie": f"{sign_in.cookie}={key}", "x-csrf-token": sign_in.session(key).csrf}
     for headers, status in ((fixed, 401), (ours, 200)):
         assert httpx.get(f"{served.base}/api/me", headers=headers, trust_env=False, timeout=60.0).status_code == status
+    assert 'id="stop"' in httpx.get(f"{served.base}/", headers=ours, trust_env=False, timeout=60.0).text
     httpx.post(f"{served.base}/api/sign-out", headers=ours, trust_env=False, timeout=60.0).raise_for_status()
     for headers in (fixed, ours, {}):
         assert httpx.get(address, headers=headers, trust_env=False, timeout=60.0).status_code == 403

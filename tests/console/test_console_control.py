@@ -2,16 +2,15 @@
 
 import json
 import time
-from contextlib import contextmanager
+from contextlib import closing
 
 import httpx
 import pytest
-from websockets.sync.client import connect
 
 from rtstack.live.client import RobotClient
 from rtstack.live.protocol import JobState
 from rtstack.safety.arming import LEASE_S
-from tests.support.console.client import arm, wait_for
+from tests.support.console.client import arm, socket, wait_for
 
 
 class Clock:
@@ -41,14 +40,6 @@ def clock(served):
 
 def post(client, headers, verb, **body):
     return client.post(f"/api/{verb}", json=body, headers=headers)
-
-
-@contextmanager
-def program(served):
-    """A program that speaks with the robot process itself."""
-    client = RobotClient(served.parts.client._path)
-    yield client
-    client.close()
 
 
 def test_taking_arming_and_releasing_say_what_they_did(served):
@@ -137,12 +128,7 @@ def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(served, clock):
 
     with served.signed_in() as (client, headers):
         arm(client, headers)
-        with connect(
-            f"ws://127.0.0.1:{served.port}/live",
-            additional_headers={"cookie": served.cookie(client)},
-            origin=served.base,
-            proxy=None,
-        ) as page:
+        with socket(served, "/live", client) as page:
             for _ in range(3):
                 clock.pass_until(answer)
             assert client.get("/api/status").json()["phase"] == "armed"
@@ -150,7 +136,7 @@ def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(served, clock):
 
 
 def test_stop_needs_no_lease_disarms_and_is_remembered_with_its_name(served):
-    with served.signed_in() as (client, headers), program(served) as other:
+    with served.signed_in() as (client, headers), closing(RobotClient(served.parts.client._path)) as other:
         other.take("ben")
         other.arm("ben")
         assert post(client, headers, "stop").status_code == 200

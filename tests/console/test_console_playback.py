@@ -4,13 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from websockets.sync.client import connect
 
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.log_folder.catalogue import Catalogue
 from rtstack.loop.mailbox import TARGET
 from rtstack.topics import TOPICS
-from tests.support.console.client import wait_for
+from tests.support.console.client import socket, wait_for
 
 MS = 1_000_000
 VIEW = "a-page-of-mine"
@@ -43,10 +42,7 @@ def test_a_second_log_is_shown_as_a_ghost_at_the_same_moment_and_goes_again(serv
     with served.signed_in() as (client, _):
         for log_id in logs.values():
             wait_for(lambda log_id=log_id: client.get(f"/api/logs/{log_id}").json()["done"])
-        address = f"ws://127.0.0.1:{served.port}/api/logs/{logs['one']}/scrub?view={VIEW}"
-        with connect(
-            address, additional_headers={"cookie": served.cookie(client)}, origin=served.base, proxy=None
-        ) as cursor:
+        with socket(served, f"/api/logs/{logs['one']}/scrub?view={VIEW}", client) as cursor:
 
             def ask(**message):
                 cursor.send(json.dumps(message))

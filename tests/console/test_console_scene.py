@@ -1,6 +1,6 @@
 """The scene: its figure agrees with an independent model, its raw port is shut."""
 
-import socket
+from socket import create_connection
 
 import numpy as np
 import pinocchio
@@ -16,6 +16,7 @@ from console.scene.server import SECRET_HEADER
 from hal.robots import FR3
 from rtstack.log.viewers.frames import joint_placements
 from sim_robot.plant_parameters import load_plant_parameters
+from tests.support.console.client import socket
 
 
 def test_the_chain_of_frames_agrees_with_pinocchio():
@@ -50,7 +51,7 @@ def test_every_link_has_a_shape_of_its_size_in_every_detail(link):
 def test_the_raw_port_is_on_loopback_only(served):
     server = served.parts.scenes.server(Detail.LIGHT)
     with pytest.raises(OSError, match="refused"):
-        socket.create_connection(("127.0.0.2", server.port), timeout=2).close()
+        create_connection(("127.0.0.2", server.port), timeout=2).close()
 
 
 def test_no_page_can_open_a_tunnel(served):
@@ -65,14 +66,7 @@ def test_the_proxy_forwards_the_page_and_the_subprotocol(served):
         assert page.status_code == 200
         assert "<title>Viser</title>" in page.text
         assert client.get("/viser/no_such_detail/").status_code == 422
-        with connect(
-            f"ws://127.0.0.1:{served.port}/viser/light",
-            subprotocols=["viser-v1.1.1"],
-            additional_headers={"cookie": served.cookie(client)},
-            origin=served.base,
-            proxy=None,
-            max_size=None,
-        ) as stream:
+        with socket(served, "/viser/light", client) as stream:
             assert stream.subprotocol == "viser-v1.1.1"
             assert len(stream.recv(timeout=60)) > 16
 

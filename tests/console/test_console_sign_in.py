@@ -3,19 +3,6 @@
 import httpx
 
 
-def test_the_token_becomes_a_session_and_leaves_the_address_bar(served):
-    with httpx.Client(base_url=served.base, trust_env=False, timeout=60.0) as client:
-        answer = client.get("/", params={"token": served.parts.sign_in.token})
-        assert answer.status_code == 303
-        assert answer.headers["location"] == "/"
-        cookie = answer.headers["set-cookie"].lower()
-        assert "httponly" in cookie
-        assert "samesite=strict" in cookie
-        page = client.get("/")
-        assert page.status_code == 200
-        assert 'id="stop"' in page.text
-
-
 def test_a_wrong_token_is_refused_and_does_not_spend_the_right_one(served):
     for wrong in ("", "x", served.parts.sign_in.token[:-1], "%00"):
         assert httpx.get(f"{served.base}/?token={wrong}", trust_env=False, timeout=60.0).status_code in (401, 403)

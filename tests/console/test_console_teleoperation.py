@@ -8,7 +8,6 @@ import httpx
 import msgspec
 import numpy as np
 import pytest
-from websockets.sync.client import connect
 
 from console.scene.scenes import Detail
 from console.teleoperation.pair import Coupling, led
@@ -18,10 +17,11 @@ from rtstack.loop.mailbox import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from rtstack.teleoperation.stamp import Sender
-from tests.support.console.client import arm, say, wait_for
+from tests.support.console.client import arm, cookie_header, say, socket, wait_for
 
 POSES = np.array([[0.0, 0.35, 0.26, 1.0, 0.0, 0.0, 0.0], [0.0, -0.35, 0.26, 1.0, 0.0, 0.0, 0.0]])
 ORDER = {"object": "rice_box"}
+HAND = "/api/teleoperation/hand"
 
 
 def target(served):
@@ -92,21 +92,10 @@ def test_a_viewer_moves_nothing_by_any_way(running):
         for message in ({"clutch": True}, {"pose": {"left": POSES[0].tolist()}}, {"speed_m_s": 0.4}):
             assert say(viewer, others, **message).status_code == 409
         assert viewer.post("/api/teleoperation/finish", json={}, headers=others).status_code == 409
-    with hand_socket(served, cookie_of(cookies)) as page:
+    with socket(served, HAND, additional_headers=cookie_header(cookies)) as page:
         page.send(json.dumps({"clutch": True}))
         assert "has control" in json.loads(page.recv(timeout=60))["error"]
     assert served.mailbox.target_sequence == before
-
-
-def cookie_of(cookies):
-    return "; ".join(f"{name}={value}" for name, value in cookies.items())
-
-
-def hand_socket(served, cookie, path="/api/teleoperation/hand", **options):
-    return connect(
-        f"ws://127.0.0.1:{served.port}{path}", additional_headers={"cookie": cookie}, origin=served.base, proxy=None,
-        max_size=None, **options,
-    )  # fmt: skip
 
 
 def gizmo(x):
@@ -124,8 +113,8 @@ def gizmo(x):
 def test_a_gizmo_moves_the_arm_for_the_holder_and_for_nobody_else(running):
     served, client, headers = running
     cookies, _ = served.second_session()
-    for cookie, moves in ((cookie_of(cookies), False), (served.cookie(client), True)):
-        with hand_socket(served, cookie, "/viser/light", subprotocols=["viser-v1.1.1"]) as page:
+    for headers_of, moves in ((cookie_header(cookies), False), (cookie_header(client.cookies), True)):
+        with socket(served, "/viser/light", additional_headers=headers_of) as page:
             page.recv(timeout=60)
             figures = served.parts.scenes._made[Detail.LIGHT]._gizmos
             # a page without a camera is not drawn for
@@ -147,7 +136,7 @@ def test_a_gizmo_moves_the_arm_for_the_holder_and_for_nobody_else(running):
 
 def test_a_socket_that_closes_lets_go_at_once(running):
     served, client, _ = running
-    with hand_socket(served, served.cookie(client)) as page:
+    with socket(served, HAND, client) as page:
         sender, answer = Sender(), {"held": False}
         while not answer["held"]:
             page.send(json.dumps(sender.stamped({"clutch": True, "sent": 12.5})))

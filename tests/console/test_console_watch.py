@@ -3,14 +3,13 @@
 import json
 
 import numpy as np
-from websockets.sync.client import connect
 
 from console.live.arm_watch import ArmWatch
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from rtstack.log.ring import Rings
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE, Level, Mode
-from tests.support.console.client import wait_for
+from tests.support.console.client import socket, wait_for
 
 PATIENCE_S = 60.0
 
@@ -93,15 +92,7 @@ def test_the_live_socket_sends_view_events_and_status(served):
     served.rings.pusher("/events").push(event)
     push_arm(served, "left", 1)
     wait_for(lambda: served.parts.watch.view.event is not None and served.parts.watch.view.status is not None)
-    with (
-        served.signed_in() as (client, _),
-        connect(
-            f"ws://127.0.0.1:{served.port}/live",
-            additional_headers={"cookie": served.cookie(client)},
-            origin=served.base,
-            proxy=None,
-        ) as stream,
-    ):
+    with served.signed_in() as (client, _), socket(served, "/live", client) as stream:
         view = json.loads(stream.recv(timeout=60))
         assert view["event"]["t_s"] == 1.25
         assert (view["event"]["level"], view["event"]["text"]) == ("WARNING", "<b>early</b>")

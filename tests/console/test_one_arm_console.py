@@ -14,7 +14,7 @@ from rtstack.log_folder.catalogue import Catalogue
 from rtstack.loop.mailbox import CHUNK, TARGET
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from rtstack.trials.record import frames
-from tests.support.console.client import arm, say, wait_for
+from tests.support.console.client import arm, say, socket, wait_for
 from tests.support.console.review_log import read, write_log
 from tests.support.console.served_console import serve_console
 from tests.support.one_arm import one_arm_file
@@ -97,10 +97,7 @@ def test_the_pages_name_this_arm_alone_and_offer_what_one_arm_can_do(served, sid
 
 
 def test_the_live_view_is_of_this_arm(served, side, other):
-    with served.signed_in() as (client, _), connect(
-        f"ws://127.0.0.1:{served.port}/live", additional_headers={"cookie": served.cookie(client)},
-        origin=served.base, proxy=None,
-    ) as page:  # fmt: skip
+    with served.signed_in() as (client, _), socket(served, "/live", client) as page:
         view = json.loads(page.recv(timeout=60))
         assert (view[other], view["places"], view["desk"]) == (None, None, [])
         assert view[side]["age_s"] == NEVER_S

@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 import pytest
-from websockets.sync.client import connect
 
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
@@ -33,9 +32,7 @@ def ended(stack):
 def hand(stack):
     """Give a function that says something as the page does, and returns the answer."""
     sender = Sender()
-    cookie = "; ".join(f"{name}={value}" for name, value in stack.client.cookies.items())
-    address = stack.base.replace("http", "ws") + "/api/teleoperation/hand"
-    with connect(address, origin=stack.base, additional_headers={"cookie": cookie}, proxy=None) as stream:
+    with stack.socket("/api/teleoperation/hand") as stream:
 
         def say(**message):
             stream.send(json.dumps(sender.stamped(message)))
@@ -48,10 +45,7 @@ def hand(stack):
 
 def pad_of(stack, side):
     """The pad's place, m, as the console last drew it."""
-    cookie = "; ".join(f"{name}={value}" for name, value in stack.client.cookies.items())
-    with connect(
-        stack.base.replace("http", "ws") + "/live", origin=stack.base, additional_headers={"cookie": cookie}, proxy=None
-    ) as page:
+    with stack.socket("/live") as page:
         while True:
             view = json.loads(page.recv(60))
             assert view[SIDES[1 - SIDES.index(side)]] is None

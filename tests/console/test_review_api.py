@@ -8,11 +8,11 @@ import httpx
 import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from console.review.cache import FOLDER, ReviewCache
 from console.scene.scenes import Detail
 from rtstack.log_folder.catalogue import Catalogue
+from tests.support.console.client import socket
 from tests.support.console.review_log import SPIKE_S, read, write_log
 from tests.support.console.served_console import serve_console
 
@@ -174,9 +174,8 @@ def test_the_cursor_answers_with_the_newest_question(served, logs):
     with served.signed_in() as (client, _):
         log_id = logs["log0.mcap"]
         read(client, log_id)
-        address = f"ws://127.0.0.1:{served.port}/api/logs/{log_id}/scrub?view=a-page-of-mine"
-        headers = {"cookie": served.cookie(client)}
-        with connect(address, additional_headers=headers, origin=served.base, proxy=None) as cursor:
+        address = f"/api/logs/{log_id}/scrub?view=a-page-of-mine"
+        with socket(served, address, client) as cursor:
             cursor.send(json.dumps({"t": SPIKE_S, "signals": "left.tau_J.4"}))
             answer = json.loads(cursor.recv(timeout=60))
             assert answer["values"] == {"left.tau_J.4": 80.0}
@@ -188,7 +187,7 @@ def test_the_cursor_answers_with_the_newest_question(served, logs):
             for bad in ("{", '{"t": "x"}', '{"t": 1, "evil": 1}', '{"t": 1, "signals": "no.such"}'):
                 cursor.send(bad)
                 assert "error" in json.loads(cursor.recv(timeout=60))
-        with pytest.raises(InvalidStatus), connect(address, origin=served.base, proxy=None):
+        with pytest.raises(InvalidStatus), socket(served, address):
             pass
 
 

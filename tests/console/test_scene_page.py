@@ -4,14 +4,11 @@ import asyncio
 import gc
 
 import pytest
-from playwright.sync_api import Error, sync_playwright
+from playwright.sync_api import sync_playwright
 from websockets.asyncio.server import ServerConnection
 
 from console.scene.scenes import Detail
-from tests.support.console.chromium import ARGUMENTS, CHROMIUM
-
-TRIES = 600
-NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
+from tests.support.console.chromium import ARGUMENTS, CHROMIUM, NODES, in_scene
 
 
 def drop_connections(server):
@@ -20,19 +17,6 @@ def drop_connections(server):
     for connection in [thing for thing in gc.get_objects() if isinstance(thing, ServerConnection)]:
         if connection.loop is loop:
             asyncio.run_coroutine_threadsafe(connection.close(), loop).result(timeout=20.0)
-
-
-def wait_for_node(page, name):
-    """Wait until the scene in the page has a node."""
-    for _ in range(TRIES):
-        try:
-            (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
-            if name in frame.evaluate(NODES):
-                return
-        except (Error, ValueError):
-            pass  # the frame is being loaded
-        page.wait_for_timeout(100)
-    pytest.fail(f"the scene never had {name}")
 
 
 FORM_AMONG_VIEWS = """async () => {
@@ -70,8 +54,8 @@ def test_a_form_is_told_to_the_scene_while_views_come_fast(page):
 def test_a_scene_that_nobody_has_clicked_in_connects_again(served, page):
     """viser's page connects again only while it has the focus, which is the page's around it."""
     server = served.parts.scenes.server(Detail.LIGHT)
-    wait_for_node(page, "/left")
+    in_scene(page, NODES, lambda nodes: "/left" in nodes)
     page.click("#tab-trial")
     drop_connections(server)
     server.viser.scene.add_frame("/later")
-    wait_for_node(page, "/later")
+    in_scene(page, NODES, lambda nodes: "/later" in nodes)

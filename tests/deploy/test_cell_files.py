@@ -20,6 +20,7 @@ TEXT = default_cell_file().read_text()
         ('address = "127.0.0.12"', 'address = "127.0.0.11"', "right.address"),
         ("base_position = [-0.4, -0.5, 0.0]", "base_position = [-0.4, -0.5]", "right.base_position"),
         ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, 0.5, nan]", "left.base_position"),
+        ("base_position = [-0.4, -0.5, 0.0]", "base_position = [-0.4, inf, 0.0]", "right.base_position"),
         ("home = [-0.301958, 0.089107", "home = [-0.301958, 1.8", "left.home"),
         ("size = [0.1, 0.1, 0.03]", "size = [0.1, 0.0, 0.03]", "pad.size"),
         ("mass = 0.35", "mass = -0.35", "pad.mass"),
@@ -28,7 +29,14 @@ TEXT = default_cell_file().read_text()
         ("size = [0.2, 0.27, 0.23]", "size = [0.2, -0.27, 0.23]", "objects.bottles.size"),
         ("ee_speed_max = 1.0", "ee_speed_max = 9.0", "safety.ee_speed_max"),
         ("power_max = 100.0", "power_maximum = 100.0", "safety.power_maximum"),
+        ("ee_lower = [-0.2, -0.4, 0.25]", "ee_lower = [0.0, 0.0]", "safety.ee_lower"),
         ("cutoff_hz = 0.0", "cutoff = 0.0", "torque_filter.cutoff"),
+        ("cutoff_hz = 0.0", "cutoff_hz = -1.0", "torque_filter.cutoff_hz"),
+        ('address = "127.0.0.1:1341"', 'address = "127.0.0.1"', "tracker.address"),
+        ("place_tolerance_m = 0.06", "place_tolerance_m = 0.0", "tracker.place_tolerance_m"),
+        ("speed_rad_s = 0.4", "speed_rad_s = 4.0", "start_motion.speed_rad_s"),
+        ("speed_rad_s = 0.4", "speed_rad_s = nan", "start_motion.speed_rad_s"),
+        ("longest_rad = 1.5", "longest_rad = 0", "start_motion.longest_rad"),
         ("[tracker]", "[gains]\nstiffness = [9000.0, 1, 1, 1, 1, 1]\n[tracker]", "gains.stiffness"),
         ("[tracker]", '[gains]\nlaw_inertia = "m"\n[tracker]', "gains.law_inertia"),
     ],
@@ -38,9 +46,8 @@ def test_what_is_wrong_has_its_line_key_and_reason(tmp_path, old, new, key):
     path = tmp_path / "cell.toml"
     path.write_text(TEXT.replace(old, new))
     last = new.splitlines()[-2 if "[gains]" in new else -1]
-    line = 1 + next(k for k, text in enumerate(path.read_text().splitlines()) if last in text and "#" not in text)
-    if "address" in key and "11" in new:  # the second of two that are the same
-        line = 1 + max(k for k, text in enumerate(path.read_text().splitlines()) if last in text)
+    places = [k for k, text in enumerate(path.read_text().splitlines(), 1) if last in text and not text.startswith("#")]
+    line = places[-1 if "address" in key and "11" in new else 0]  # the second of two that are the same
     with pytest.raises(ConfigurationError) as refused:
         load_cell_description(path)
     said = str(refused.value)
@@ -49,18 +56,23 @@ def test_what_is_wrong_has_its_line_key_and_reason(tmp_path, old, new, key):
     assert len(said) > len(f"{path}:{line}: key {key}") + 5
 
 
-@pytest.mark.parametrize(("text", "line"), [("name = 'a'\nsimulated = maybe\n", 2), ("name = 'a'\nname = 'b'\n", 2)])
-def test_what_is_no_toml_has_its_line(tmp_path, text, line):
+SAFETY = TEXT[TEXT.index("[safety]") : TEXT.index("[tracker]")]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("name = 'a'\nsimulated = maybe\n", r":2: not valid TOML"),
+        ("name = 'a'\nname = 'b'\n", r":2: not valid TOML"),
+        (TEXT.replace("[pad]", "[paddle]"), r"(:\d+)?: key pad"),  # it is nowhere
+        (f"safety = 3\n{TEXT.replace(SAFETY, '')}", r":1: key safety: "),
+    ],
+    ids=["no TOML", "twice", "missing", "no table"],
+)
+def test_what_is_no_table_has_its_line_too(tmp_path, text, said):
     path = tmp_path / "cell.toml"
     path.write_text(text)
-    with pytest.raises(ConfigurationError, match=rf"cell\.toml:{line}: not valid TOML"):
-        load_cell_description(path)
-
-
-def test_a_table_that_is_missing_is_named_without_a_line(tmp_path):
-    path = tmp_path / "cell.toml"
-    path.write_text(TEXT.replace("[pad]", "[paddle]"))
-    with pytest.raises(ConfigurationError, match=r"cell\.toml(:\d+)?: key pad"):
+    with pytest.raises(ConfigurationError, match=rf"cell\.toml{said}"):
         load_cell_description(path)
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rtstack.calibration.points import Point, nominal_geometry, save_points
-from rtstack.cells import default_cell_file, load_description
+from rtstack.cells import load_description
 from rtstack.model.arm_model import ArmModel
 from rtstack.references.demonstration import end_effector_pose
 from sim_robot.desk.server import PASSWORD, USER
-from tests.support.desk import desk_address
+from tests.support.desk import desk_address, desk_cell_file
 from tests.support.fci.server import Served, serve
 from tests.support.wrong_cell import touched_points
 
@@ -48,12 +48,7 @@ def boxes():
 
 @pytest.fixture
 def cell_file(boxes: Served, tmp_path: Path) -> Path:
-    text = default_cell_file().read_text()
-    for side, address in (("left", boxes.left), ("right", boxes.right)):
-        text = text.replace(f"[{side}]\n", f'[{side}]\ndesk = "{desk_address(address)}"\n')
-    path = tmp_path / "cell.toml"
-    path.write_text(text)
-    return path
+    return desk_cell_file(tmp_path / "cell.toml", map(desk_address, (boxes.left, boxes.right)))
 
 
 def _write_points(path: Path, cell_file: Path) -> None:

@@ -1,7 +1,6 @@
 """A server with one arm, through the real client."""
 
 import contextlib
-import re
 import socket
 from pathlib import Path
 
@@ -23,8 +22,7 @@ from sim_robot.scene import load_scene
 from tests.support.desk import desk_address, desk_of
 from tests.support.fci.client import connect, hold, measured, move_to, torque_control
 from tests.support.fci.server import serve
-
-ROOT = Path(__file__).parents[2]
+from tests.support.one_arm import one_arm_file
 
 
 def refused(address: str, port: int) -> bool:
@@ -110,9 +108,7 @@ def test_a_simulator_of_one_arm_says_where_it_is() -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_simulated_cell_has_the_one_arm_of_its_file(kind: str, side: str, tmp_path: Path) -> None:
     other = "right" if side == "left" else "left"
-    text = (ROOT / "deploy" / "cells" / "grab.toml").read_text(encoding="utf-8")
-    file = tmp_path / "cell.toml"
-    file.write_text(re.sub(rf"^\[{other}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.MULTILINE), encoding="utf-8")
+    file = one_arm_file(tmp_path, side)
     opened, argument = kind_of(kind)
     cell = opened.open(CellRequest(kind, argument, "", Displacement(), 1, load_cell_description(file), file))
     try:

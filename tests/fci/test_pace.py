@@ -90,6 +90,7 @@ class Wire:
         self._socket, one.link = one.link, self
         # how long the client takes to answer, us; from which state after Move on; and what it does not answer
         self.reaction_us, self.first, self.silence = 150, 0, range(0)
+        self.copies, self.overtaken = 1, range(0)  # of each answer; and which are overtaken by the next one
         self.shown: list[tuple[int, int]] = []  # instants and message ids since Move
         self.moved = False
 
@@ -107,8 +108,9 @@ class Wire:
         nth, message_id = len(self.shown), int(record["message_id"])
         self.shown.append((self._rig.now_ns, message_id))
         if nth >= self.first and nth not in self.silence:
-            instant_ns = self._rig.now_ns + US * self.reaction_us
-            self._rig.at(instant_ns, lambda: self.answer(message_id, instant_ns))
+            instant_ns = self._rig.now_ns + US * (self.reaction_us + 1200 * (nth in self.overtaken))
+            for _ in range(self.copies):
+                self._rig.at(instant_ns, lambda: self.answer(message_id, instant_ns))
 
     def answer(self, message_id: int, instant_ns: int) -> None:
         command = np.zeros(1, ROBOT_COMMAND)
@@ -190,6 +192,17 @@ def test_a_slow_client_costs_packets_and_not_the_robots_time(rig, reaction_us: i
     assert abs(pace.ticks - 100) <= 2
     assert pace.stalls == 0
     assert left.lost <= most_lost
+
+
+def test_answers_that_come_twice_count_once_and_one_that_is_overtaken_is_lost(rig) -> None:
+    cell = rig()
+    left = cell.wires[0]
+    left.copies, left.overtaken = 2, range(30, 180, 10)
+    left.move()
+    pace = cell.run(200)
+    assert left.errors == ()
+    assert left.lost == len(left.overtaken)
+    assert abs(pace.ticks - 200) <= 2
 
 
 def test_who_was_late_once_is_served_again(rig) -> None:

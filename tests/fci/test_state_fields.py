@@ -17,19 +17,16 @@ from sim_robot.fci.robot_state import ACCELEROMETER_BIT, ACCELEROMETER_NOISE
 from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
 from sim_robot.plant import faces
 from sim_robot.scene import load_scene
+from tests.support.fci.motions import DIRECTION as UP
+from tests.support.fci.motions import held, there_and_back
 from tests.support.fci.raw import RawClient
 from tests.support.fci.server import serve
 
 DT = 1e-3
 MOVE = 2
 TICKS = 1200
-UP = np.array([0.5, -1.0, 0.5, 0.0, 1.0, 1.0, 1.0])
 LOAD = (0.2, 0.01, 0.02, 0.03, *np.diag([1e-3, 2e-3, 3e-3]).ravel())
 K = np.array([[0.0, -1.0, 0.0, 0.02], [1.0, 0.0, 0.0, 0.03], [0.0, 0.0, 1.0, 0.05], [0.0, 0.0, 0.0, 1.0]])
-
-
-def there_and_back(tick: int) -> float:
-    return (1.0 - np.cos(2.0 * np.pi * tick / TICKS)) / 2.0
 
 
 def run(raw: RawClient, kind: tuple[int, int], law: Callable[[int, np.void, np.void], dict], ticks: int) -> np.ndarray:
@@ -49,21 +46,20 @@ def run(raw: RawClient, kind: tuple[int, int], law: Callable[[int, np.void, np.v
 
 
 def turned(tick: int, first: np.void, state: np.void) -> dict:
-    return {"q_c": first["q_d"] + 0.1 * there_and_back(tick) * UP}
+    return {"q_c": first["q_d"] + 0.1 * there_and_back(tick / TICKS) * UP}
 
 
 def lifted(tick: int, first: np.void, state: np.void) -> dict:
     pose = np.array(first["O_T_EE_c"], dtype=float)
-    pose[14] += 0.03 * there_and_back(tick)
-    elbow = np.array(first["elbow_c"], dtype=float) + (0.03 * there_and_back(tick), 0.0)
+    pose[14] += 0.03 * there_and_back(tick / TICKS)
+    elbow = np.array(first["elbow_c"], dtype=float) + (0.03 * there_and_back(tick / TICKS), 0.0)
     return {"O_T_EE_c": pose, "elbow_c": elbow, "valid_elbow": 1}
 
 
 def lowered(tick: int, first: np.void, state: np.void) -> dict:
     goal = np.array(first["q"], dtype=float)
     goal[1] += 2e-4 * tick
-    stiffness, damping = np.array([200.0] * 4 + [50.0] * 3), np.array([20.0] * 4 + [3.0] * 3)
-    return {"tau_J_d": stiffness * (goal - state["q"]) - damping * state["dq"]}
+    return {"tau_J_d": held(state, goal)}
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,6 @@ from tests.support.desk import desk_address, desk_of
 from tests.support.fci.server import serve
 
 
-@pytest.fixture(scope="module")
-def boxes():
-    with serve("--lockstep", "--desk") as served:
-        yield served
-
-
 @pytest.fixture
 def trust(tmp_path):
     return Trust(tmp_path)

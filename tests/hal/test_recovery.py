@@ -59,26 +59,20 @@ def test_a_recovery_is_not_armed_for_the_next_error(simulator: Simulator):
     pair.close()
 
 
-def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(tmp_path):
-    script = tmp_path / "script.toml"
-    script.write_text(
+def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(scripted):
+    with scripted(
         '[[fault]]\nkind = "reflex"\nerror = "joint_reflex"\narm = "left"\nat_s = 0.005\nduration_s = 1e5\n'
         '[[fault]]\nkind = "reflex"\nerror = "power_limit_violation"\narm = "right"\nat_s = 0.005\n'
-    )
-    simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=script)
-    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
-    try:
+    ) as pair:
         pair.start()
         with pytest.raises(CommandRejected):
             float_both(pair)
         pair.stop()
         with pytest.raises(RecoveryRefused, match="the cause persists: joint_reflex") as refused:
             pair.recover()
-        assert f"the right arm at {simulator.right} has recovered from power_limit_violation" in str(refused.value)
+        said = f"the right arm at {pair.right.address} has recovered from power_limit_violation"
+        assert said in str(refused.value)
         assert (pair.left.reflex(), pair.right.reflex()) == (("joint_reflex",), ())
-    finally:
-        pair.close()
-        simulator.close()
 
 
 def float_both(pair: FciPair) -> None:
@@ -89,17 +83,12 @@ def float_both(pair: FciPair) -> None:
             arm.write(np.zeros(7))
 
 
-def test_a_user_stop_is_named_where_a_recovery_or_a_motion_is_asked_for(tmp_path):
-    script = tmp_path / "script.toml"
-    script.write_text('[[fault]]\nkind = "user_stop"\narm = "right"\nat_s = 0.005\nduration_s = 0.5\n')
-    simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=script)
-    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
-    try:
+def test_a_user_stop_is_named_where_a_recovery_or_a_motion_is_asked_for(scripted):
+    with scripted('[[fault]]\nkind = "user_stop"\narm = "right"\nat_s = 0.005\nduration_s = 0.5\n') as pair:
         pair.start()
         with pytest.raises(CommandRejected):
             float_both(pair)
-        pair.left.stop()
-        pair.right.stop()
+        pair.stop()
         with Rings.create() as rings:
             refused: list[str] = []
             cell = Cell("fci", pair.left, pair.right, NoTracker(), pair)
@@ -110,9 +99,6 @@ def test_a_user_stop_is_named_where_a_recovery_or_a_motion_is_asked_for(tmp_path
         while pair.right.read().robot_mode is RobotMode.USER_STOPPED:
             pair.left.read()
         assert pair.recover() == ()
-    finally:
-        pair.close()
-        simulator.close()
 
 
 def test_an_arm_that_falls_silent_is_named_and_the_other_one_stops():

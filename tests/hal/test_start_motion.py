@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -16,25 +15,16 @@ from hypothesis.extra.numpy import arrays
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.errors import CommandRejected
-from hal.fci import FciPair, open_pair
+from hal.fci import FciPair
 from hal.joint_path import JointPath, JointSpeed
 from hal.state import RobotMode
 from hal.tracker import ObjectPose, TrackerTimes
 from hal.tracker_link import DATAGRAM, NoTracker, TrackerLink
 from rtstack.cells.robot_clock import RobotClock
-from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
 from rtstack.trials.start_motion import start_motion
 
 QUICK = JointSpeed(1.0, 5.0)
-
-
-@pytest.fixture
-def pair(simulator: Simulator) -> Iterator[FciPair]:
-    """Both arms of the server, of one clock: a busy machine is no stale arm."""
-    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
-    yield pair
-    pair.close()
 
 
 class SeenByTheHostsClock(TrackerLink):
@@ -148,21 +138,13 @@ def test_the_first_point_of_a_recording_is_found_from_home(pair: FciPair, cell, 
         start_motion(opened, cell, "rice_box", 0.0, lost)
 
 
-def test_a_reflex_after_lost_answers_is_told_with_them(tmp_path):
-    faults = tmp_path / "faults.toml"
-    faults.write_text('[[fault]]\nkind = "states_lost"\narm = "left"\nat_s = 0.2\nduration_s = 0.015\n')
-    simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=faults)
-    try:
-        with contextlib.closing(open_pair(simulator.left, simulator.right, shared_clock=True)) as pair:
-            goal = where(pair)
-            goal[:, 0] += 0.2
-            with pytest.raises(
-                CommandRejected, match=r"up to 1[5-7] ms had passed between two of our answers"
-            ) as refused:
-                pair.move(goal, QUICK, never)
-            assert "joint_motion_generator_acceleration_discontinuity" in refused.value.errors
-    finally:
-        simulator.close()
+def test_a_reflex_after_lost_answers_is_told_with_them(scripted):
+    with scripted('[[fault]]\nkind = "states_lost"\narm = "left"\nat_s = 0.2\nduration_s = 0.015\n') as pair:
+        goal = where(pair)
+        goal[:, 0] += 0.2
+        with pytest.raises(CommandRejected, match=r"up to 1[5-7] ms had passed between two of our answers") as refused:
+            pair.move(goal, QUICK, never)
+        assert "joint_motion_generator_acceleration_discontinuity" in refused.value.errors
 
 
 def test_an_object_that_a_tracker_of_another_clock_sees_elsewhere_is_refused(pair: FciPair, cell):

@@ -122,7 +122,7 @@ def main() -> int:
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
         fault = draw.choice(FAULTS) if sum(done.values()) < asked.moments else ""
         with suppress(subprocess.TimeoutExpired):
-            process.wait(draw.uniform(6.0, 30.0) if fault else 1800.0)
+            process.wait(draw.uniform(6.0, 18.0) if fault else 1800.0)
         if process.poll() is None:
             done[fault] += 1
             if fault == "campaign":

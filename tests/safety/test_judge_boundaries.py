@@ -8,6 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from hal.limits import CONTROL_PERIOD_S
 from hal.robots import FR3
 from rtstack.safety.judge import Base, Cause, Judgement, SafetyJudge
 from rtstack.safety.judge import judge as compiled
@@ -210,6 +211,26 @@ def test_the_torque_s_bound_comes_first_where_the_robot_was_commanded_more(joint
         judge.memory["tau_applied"][0, joint] = sign * told
         assert judge.judge(sample) is Judgement.LIMITED
         assert sample["tau_applied"][0, joint] == sign * (HARDWARE.tau_max[joint] - (1.0 - 1e-4))
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    values=st.lists(
+        st.sampled_from([0.0, -0.0, 1e-300, 86.9, 87.0, 1e9, -1e9, inf, -inf, nan]), min_size=7, max_size=7
+    ),
+)
+def test_whatever_is_wanted_the_answer_is_finite_limited_and_continuous(seed, values):
+    rng = np.random.default_rng(seed)
+    judge, last = SafetyJudge(), np.zeros(7)
+    for k in range(20):
+        wanted = values if k == 10 else 40.0 * rng.normal(size=7)
+        sample = arm_sample(q=HOME + 0.1 * rng.normal(size=7), dq=rng.normal(size=7), tau_desired=wanted)
+        judge.judge(sample)
+        applied = sample["tau_applied"][0].copy()
+        assert np.all(np.isfinite(applied))
+        assert np.all(np.abs(applied) <= FR3.limits.tau_max)
+        assert np.all(np.abs(applied - last) <= FR3.limits.tau_rate_max * CONTROL_PERIOD_S)
+        last = applied
 
 
 @pytest.mark.parametrize(("wanted", "reason"), [(200.0, Cause.TORQUE), (60.0, Cause.TORQUE_RATE)])

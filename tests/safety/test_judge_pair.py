@@ -279,6 +279,13 @@ def test_a_stop_lasts_and_its_evidence_with_it():
     assert judge.interventions == 1
 
 
+def test_a_commanded_stop_is_no_intervention_but_an_unsolved_qp_is():
+    for demand, count in ((Cause.COMMANDED, 0), (Cause.CONTROLLER, 1)):
+        judge = SafetyJudge()
+        assert judge.judge(arm_sample(), demand) is Judgement.STOPPING
+        assert (judge.reason, judge.interventions) == (demand, count)
+
+
 def test_a_stop_is_recovered_from_when_its_cause_is_gone_and_not_before():
     judges = _pair()
     _both(judges, 0)

@@ -3,8 +3,6 @@
 import contextlib
 import itertools
 import os
-import socket
-import struct
 import threading
 import time
 import tomllib
@@ -19,7 +17,7 @@ from numba.core import event
 import sim_robot
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
-from hal.wire import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION
+from hal.wire import ROBOT_COMMAND
 from sim_robot.cell import simulated_cell
 from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.drive import DrivenBox
@@ -27,6 +25,7 @@ from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.protocol import Command, Controller, Generator, MoveStatus
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
+from tests.support.fci.raw import RawClient
 
 _last_octet = itertools.count(1)
 ANYWHERE = (10.0, 3.12, 6.28) * 2
@@ -204,41 +203,6 @@ def test_every_error_is_raised_or_said_never_to_be() -> None:
     assert len(raised) == 35
 
 
-class Client:
-    """Connected over TCP and UDP, and answers when it is told to."""
-
-    def __init__(self, address: str) -> None:
-        self.tcp = socket.create_connection((address, PORT), timeout=20.0)
-        self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.udp.settimeout(20.0)
-        self.udp.bind(("", 0))
-        self.request(Command.CONNECT, struct.pack("<HH", VERSION, self.udp.getsockname()[1]))
-        self.reply()
-
-    def request(self, command: Command, payload: bytes) -> None:
-        self.tcp.sendall(HEADER.pack(command, 1, HEADER.size + len(payload)) + payload)
-
-    def reply(self) -> bytes:
-        size = HEADER.unpack(self.tcp.recv(HEADER.size, socket.MSG_WAITALL))[2]
-        return self.tcp.recv(size - HEADER.size, socket.MSG_WAITALL)
-
-    def state(self, answer: bool) -> np.void:
-        data, source = self.udp.recvfrom(4096)
-        state = np.frombuffer(data, ROBOT_STATE)[0]
-        if answer:
-            command = np.zeros(1, ROBOT_COMMAND)
-            command["message_id"] = state["message_id"]
-            self.udp.sendto(command.tobytes(), source)
-        return state
-
-    def __enter__(self) -> "Client":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.tcp.close()
-        self.udp.close()
-
-
 @contextlib.contextmanager
 def served(server: Server, longest_wait_s: float) -> Iterator[None]:
     """Let a thread serve in lockstep."""
@@ -252,41 +216,48 @@ def served(server: Server, longest_wait_s: float) -> Iterator[None]:
         serving.join()
 
 
-def start_torque_control(client: Client) -> None:
-    client.request(Command.MOVE, struct.pack("<II3d3dB7d", *move_values(2, 4)))
-    assert client.reply() == bytes((MoveStatus.MOTION_STARTED,))
+def start_torque_control(client: RawClient) -> None:
+    client.connect()
+    assert client.move() == MoveStatus.MOTION_STARTED
+
+
+def answered(client: RawClient) -> np.void:
+    """Return the next state, once it is answered without a torque."""
+    state = client.next_state()
+    client.command(state)
+    return state
 
 
 def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresses: tuple[str, str]) -> None:
     """Its arm loses 20 packets and stops; the other arm's client loses none."""
-    with served(server, 1.0), Client(addresses[0]) as hanging, Client(addresses[1]) as alive:
+    with served(server, 1.0), RawClient(addresses[0]) as hanging, RawClient(addresses[1]) as alive:
         for client in (hanging, alive):
             start_torque_control(client)
         for _ in range(3):  # by turns: who has not answered yet is waited for, and would be taken for hanging
             for client in (hanging, alive):
-                client.state(answer=True)
+                answered(client)
         rates = []
         for _ in range(300):
-            state = alive.state(answer=True)
+            state = answered(alive)
             if state["robot_mode"] == RobotMode.MOVE:  # older ones may wait to be read
                 rates.append(state["control_command_success_rate"])
             if server.arm_servers[0].box.errors:
                 break
         assert server.arm_servers[0].box.error_names == ("communication_constraints_violation",)
-        assert hanging.reply() == bytes((MoveStatus.REFLEX_ABORTED,))
+        assert hanging.answer()[2] == bytes((MoveStatus.REFLEX_ABORTED,))
         assert state["robot_mode"] == RobotMode.MOVE
         assert set(rates) == {1.0}
 
 
 def test_lockstep_waits_from_the_beginning_of_a_motion_on(server: Server, addresses: tuple[str, str]) -> None:
     """However long the robot stood idle before: nobody owed it an answer then."""
-    with served(server, longest_wait_s := 1.0), Client(addresses[0]) as client:
+    with served(server, longest_wait_s := 1.0), RawClient(addresses[0]) as client:
         time.sleep(longest_wait_s + 0.1)  # the fault itself
         start_torque_control(client)
         time.sleep(0.1)  # 20 lost packets take the plant some 5 ms
-        while (state := client.state(answer=True))["robot_mode"] == RobotMode.IDLE:
+        while (state := answered(client))["robot_mode"] == RobotMode.IDLE:
             continue
         for _ in range(30):
-            state = client.state(answer=True)
+            state = answered(client)
         assert state["robot_mode"] == RobotMode.MOVE
         assert state["control_command_success_rate"] == 1.0

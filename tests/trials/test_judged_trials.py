@@ -6,11 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.base.configuration import ConfigurationError
 from hal.limits import COLLISION_TORQUES
-from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
-from rtstack.model.cell_description import load_cell_description
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.trials.assembly import default_parameters
 from rtstack.trials.review import log_columns
@@ -64,24 +61,3 @@ def test_the_controllers_residual_is_judged_too(runner, tmp_path):
     prepared = prepare_trial(TrialSpecification(str(runner.reference), seed=1), cell, nervous)
     result = attempt(prepared, cell)
     assert "the momentum residual is too large" in str(result.failure_reason)
-
-
-@pytest.mark.parametrize(
-    ("table", "said"),
-    [
-        ("[safety]\nee_speed_max = 3.5", "key safety.ee_speed_max = 3.5: may only tighten"),
-        ("[safety]\nspeed = 1.0", "key safety.speed: no such limit; there are arm_distance_min"),
-        ("[safety]\nee_lower = [0.0, 0.0]", "key safety.ee_lower = .*must be a list of 3 numbers"),
-        ("safety = 3", "key safety: "),
-    ],
-)
-def test_a_table_that_cannot_be_taken_is_one_line_with_file_and_key(tmp_path, table, said):
-    text = default_cell_file().read_text()
-    path = tmp_path / "cell.toml"
-    own = text[text.index("[safety]") : text.index("[tracker]")]
-    rest = text.replace(own, "")
-    path.write_text(f"{table}\n{rest}" if table.startswith("safety") else rest + "\n" + table)
-    with pytest.raises(ConfigurationError, match=said) as refused:
-        load_cell_description(path)
-    assert re.match(rf"{re.escape(str(path))}:(\d+:)? ", str(refused.value))
-    assert "\n" not in str(refused.value)

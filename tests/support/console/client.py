@@ -2,6 +2,7 @@
 
 import time
 
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from rtstack.teleoperation.stamp import Sender
@@ -25,11 +26,24 @@ def wait_for(condition):
         time.sleep(0.01)
 
 
-def socket(served, path, **options):
-    """Open a WebSocket as a page would."""
+def socket(served, path, client=None, **options):
+    """Open a WebSocket as a page would, with a signed-in client's cookie."""
+    if client is not None:
+        options["additional_headers"] = {"cookie": served.cookie(client)}
     options.setdefault("origin", served.base)
     options.setdefault("subprotocols", ["viser-v1.1.1"] if path.startswith("/viser") else None)
     return connect(f"ws://127.0.0.1:{served.port}{path}", proxy=None, max_size=None, **options)
+
+
+def has_ended(page):
+    """Whether the console has closed a socket; what it says meanwhile is passed over."""
+    try:
+        page.recv(timeout=0.1)
+    except TimeoutError:
+        return False
+    except ConnectionClosed:
+        return True
+    return False
 
 
 def cookie_header(cookies):

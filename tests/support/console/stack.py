@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import psutil
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -87,6 +87,12 @@ class Stack:
             raise SoakFailed(f"{path}: {answer.status_code} {answer.text}")
         return answer.json()
 
+    def socket(self, path: str) -> ClientConnection:
+        """Open a WebSocket as a page of the session does."""
+        cookie = "; ".join(f"{name}={value}" for name, value in self.client.cookies.items())
+        address = self.base.replace("http", "ws") + path
+        return connect(address, origin=Origin(self.base), additional_headers={"cookie": cookie}, proxy=None)
+
     def run(self, path: str, **order: object) -> str:
         """Order a job and wait for its end; return the name of its log. Raises SoakFailed where it failed."""
         self.post(path, **order)
@@ -119,17 +125,14 @@ class Viewer:
     """A page that is open: it reads the live socket, and the operator's answers each view."""
 
     def __init__(self, stack: Stack, answers: bool) -> None:
-        self._answers = answers
-        self._address = stack.base.replace("http", "ws") + "/live"
-        self._cookie = "; ".join(f"{name}={value}" for name, value in stack.client.cookies.items())
-        self._origin = Origin(stack.base)
+        self._answers, self._socket = answers, stack.socket("/live")
         self.views = 0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
         self._thread.start()
 
     def _look(self) -> None:
-        with connect(self._address, origin=self._origin, additional_headers={"cookie": self._cookie}) as socket:
+        with self._socket as socket:
             while not self._over.is_set():
                 try:
                     socket.recv(timeout=1.0)

@@ -58,31 +58,30 @@ def problem_of(words: list[str]) -> str | None:
 
 def unknown_word(command: str) -> str | None:
     """Return the sub-command or option of ours that a command names and that does not exist, None where all do."""
-    found: Any = whole()
-    _, *words = shlex.split(command)
-    while hasattr(found, "commands") and words and not words[0].startswith("-"):
-        name, words = _next_command(found, words)
-        if name not in found.commands:
-            return name
-        found = found.commands[name]
+    found, name, words = _command(shlex.split(command)[1:])
+    if found is None:
+        return name
     known = {option for parameter in found.params for option in parameter.opts} | {"--help"}
     return next((word for word in words if word.startswith("--") and word.partition("=")[0] not in known), None)
 
 
-def _next_command(group: Any, words: list[str]) -> tuple[str, list[str]]:
-    """Return the name of a group's command, of two words or one, and the words after it."""
-    count = 2 if " ".join(words[:2]) in group.commands else 1
-    return " ".join(words[:count]), words[count:]
+def _command(words: list[str]) -> tuple[Any, str, list[str]]:
+    """Return the command that words begin with, its name of one word or two, and what follows; None for no such one."""
+    found: Any = whole()
+    name = "rtstack"
+    while hasattr(found, "commands") and words and not words[0].startswith("-"):
+        count = 2 if " ".join(words[:2]) in found.commands else 1
+        name, words = " ".join(words[:count]), words[count:]
+        if name not in found.commands:
+            return None, name, words
+        found = found.commands[name]
+    return found, name, words
 
 
 def _parsed(arguments: list[str]) -> str | None:
-    command: Any = whole()
-    name = "rtstack"
-    while hasattr(command, "commands") and arguments and not arguments[0].startswith("-"):
-        name, arguments = _next_command(command, arguments)
-        if name not in command.commands:
-            return f"rtstack has no command {name}"
-        command = command.commands[name]
+    command, name, arguments = _command(arguments)
+    if command is None:
+        return f"rtstack has no command {name}"
     if "--help" in arguments or (name == "rtstack" and not arguments):
         return None
     try:

@@ -1,6 +1,6 @@
 """What a fault of the matrix is: data. How it comes about, what has to happen, and what came of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -107,8 +107,8 @@ class Fault:
     reflex: the robot may stop itself, too. small_ring: the log's rings hold a second, not eight. own_clocks: each arm
     is served when its own state arrives, as two control boxes are. proof: what shows that the fault was there, for one
     that leaves no other trace. log_dies: up to 0.5 s of the log may be missing. shared_clock: it is another fault, with
-    a row of its own, where each arm has its own clock. others: single moments. apart: of moving arms that do not wait
-    for the loop, where that differs; they may stop themselves, too.
+    a row of its own, where each arm has its own clock. apart: of moving arms that do not wait for the loop, where that
+    differs; they may stop themselves, too.
     """
 
     name: str
@@ -125,15 +125,12 @@ class Fault:
     log_dies: bool = False
     shared_clock: bool = False
     proof: Callable[["Stage"], bool] | None = None
-    others: Mapping[Moment, Expected] = field(default_factory=dict)
     apart: Expected | None = None
 
     def expected(self, moment: Moment, apart: bool = False) -> Expected:
         """Return what has to happen at a moment. apart: where the arms do not wait for the loop."""
         if apart and self.apart is not None and moment in MOVING:
             return self.apart
-        if moment in self.others:
-            return self.others[moment]
         return {Moment.IDLE: self.idle, Moment.STOPPING: self.stopping}.get(moment, self.moving)
 
 

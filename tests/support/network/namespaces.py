@@ -21,7 +21,7 @@ _SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP, _IFF_RUNNING = 0x8913, 0x8914, 0x1, 0x40
 _SIOCSIFTXQLEN = 0x8943
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _TUN = Path("/dev/net/tun")
-QUEUE = 2000  # packets that wait for a relay which is late
+QUEUE = 2000  # packets that wait for a switch which is late
 DEVICE = "lab0"
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -101,28 +101,22 @@ class Namespace:
             _enter(home)
             os.close(home)
 
-    def connect(self, *addresses: str, mtu: int = 1500) -> int:
-        """Give it a device with these addresses (of one /24), and return the descriptor of the device's other end."""
+    def connect(self, address: str, mtu: int) -> int:
+        """Give it a device with this address (of a /24), and return the descriptor of the device's other end."""
         with self.inside():
             other_end = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             fcntl.ioctl(other_end, _TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), _IFF_TUN | _IFF_NO_PI))
             _configure(DEVICE, _SIOCSIFMTU, struct.pack("i", mtu))
             with contextlib.suppress(PermissionError):  # a user namespace keeps the kernel's 500
                 _configure(DEVICE, _SIOCSIFTXQLEN, struct.pack("i", QUEUE))
-            for number, address in enumerate(addresses):
-                name = DEVICE if not number else f"{DEVICE}:{number}"
-                _configure(name, _SIOCSIFADDR, _socket_address(address))
-                _configure(name, _SIOCSIFNETMASK, _socket_address("255.255.255.0"))
+            _configure(DEVICE, _SIOCSIFADDR, _socket_address(address))
+            _configure(DEVICE, _SIOCSIFNETMASK, _socket_address("255.255.255.0"))
             _set_up(DEVICE, True)
         return other_end
 
     def start(self, *command: str | Path, **options) -> subprocess.Popen:
         """Start a program there."""
         return subprocess.Popen([str(word) for word in command], preexec_fn=self._begin, **options)
-
-    def run(self, *command: str | Path, **options) -> subprocess.CompletedProcess:
-        """Run a program there to its end."""
-        return subprocess.run([str(word) for word in command], preexec_fn=self._begin, **options)
 
     def _begin(self) -> None:
         _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # never without the test
