@@ -39,6 +39,7 @@ class Reset:
 
     def __init__(self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True) -> None:
         self._cell, self._carry, self._wait, self._by_arms = cell, carry, wait, by_arms
+        self._why = ""  # the arms could not place the object
 
     def go_to_start(self, planned: CellRun, case_id: str) -> None:
         """Have the arms of a cell that was just opened put down what they hold, and go to the start. Raises TrialError.
@@ -60,8 +61,14 @@ class Reset:
         if planned.wanted is None:
             return
         self._put_down(description, name, case_id)
-        if not (self._by_arms and self._place(description, name, planned.wanted, case_id)):
-            self._by_a_person(description, name, planned.wanted, case_id)
+        by_arms = self._by_arms
+        while True:
+            placed = self._place(description, name, planned.wanted, case_id) if by_arms else False
+            if placed:
+                return
+            by_arms &= placed is None  # the arms try again once it is seen to stand upright
+            if self._by_a_person(description, name, planned.wanted, case_id, by_arms):
+                return
 
     def _put_down(self, description: CellDescription, name: str, case_id: str) -> None:
         if holds(self._cell, description):
@@ -69,43 +76,64 @@ class Reset:
             if reason := self._carry(down, Kind.PUT_DOWN, case_id).failure_reason:
                 raise ResetAborted(f"{name} could not be put down", reason)
 
-    def _place(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool:
-        """Return whether the object stands in its place, after some placements where it did not before."""
+    def _place(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool | None:
+        """Return whether the object stands in its place, after some placements where it did not before; None where it
+        does not stand anywhere upright, or is not seen now.
+        """
         specification = PlacementSpecification(name, 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg)
         try:
-            if _near(difference(object_stands(self._cell, description, name), wanted)):
-                return True
+            stands = object_stands(self._cell, description, name)
+        except TrialError:
+            return None
+        if _near(difference(stands, wanted)):
+            return True
+        try:
             prepared = prepare_placement(specification, description)
             result = place(prepared, ATTEMPTS, lambda attempt: self._carry(attempt, Kind.PLACEMENT, case_id))
         except WayRefused:
             raise
-        except TrialError:  # it is not seen, has fallen, or is out of reach
+        except TrialError as error:  # it is out of reach
+            self._why = str(error)
             return False
         if aborted(result.failure_reason):
             raise ResetAborted(f"placing {name} was aborted", str(result.failure_reason))
+        self._why = result.failure_reason or ""
         return result.success
 
-    def _by_a_person(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> None:
-        """Tell a person what is wrong until the object has stood in its place for STANDS_S. Raises TrialError."""
+    def _by_a_person(
+        self, description: CellDescription, name: str, wanted: Displacement, case_id: str, until_upright: bool
+    ) -> bool:
+        """Tell a person what is wrong until the object has stood in its place for STANDS_S, or, with until_upright,
+        stands upright anywhere. Returns whether it stands in its place. Raises TrialError.
+        """
         since_s: float | None = None
+        elsewhere = False
 
         def said() -> str:
-            nonlocal since_s
-            if text := self._deviation(description, name, wanted):
+            nonlocal since_s, elsewhere
+            text, upright = self._deviation(description, name, wanted)
+            elsewhere = upright and bool(text) and until_upright
+            if elsewhere:
+                return ""
+            if text:
                 since_s = None
                 return text
             since_s = since_s or time.monotonic()
             return f"{name} stands in its place" if time.monotonic() - since_s < STANDS_S else ""
 
         self._wait(said, Kind.PERSON, case_id)
+        return not elsewhere
 
-    def _deviation(self, description: CellDescription, name: str, wanted: Displacement) -> str:
-        """Return in one line what a person has to do, "" where nothing is to be done."""
+    def _deviation(self, description: CellDescription, name: str, wanted: Displacement) -> tuple[str, bool]:
+        """Return in one line what a person has to do, "" for nothing, and whether the object stands upright."""
         try:
             stands = object_stands(self._cell, description, name)
         except TrialError as error:
-            return str(error)
-        return "" if _near(difference(stands, wanted)) else instruction(name, stands, wanted, description)
+            return str(error), False
+        if _near(difference(stands, wanted)):
+            return "", True
+        why = f" (the arms could not: {self._why})" if self._why else ""
+        return instruction(name, stands, wanted, description) + why, True
 
 
 def instruction(name: str, stands: Displacement, wanted: Displacement, description: CellDescription) -> str:
