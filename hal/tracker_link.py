@@ -46,8 +46,15 @@ def _turned(q, v, out):
 def _is_pose(datagram):
     """Whether a datagram is a pose."""
     d = datagram[0]
-    norm = math.sqrt((d.orientation_wxyz**2).sum())
-    return abs(norm - 1.0) <= _UNIT_TOLERANCE and np.all(np.abs(d.position) <= _FAR_M)
+    squares = 0.0
+    for i in range(4):
+        squares += d.orientation_wxyz[i] ** 2
+    if not abs(math.sqrt(squares) - 1.0) <= _UNIT_TOLERANCE:
+        return False
+    far = False
+    for i in range(3):
+        far |= not abs(d.position[i]) <= _FAR_M
+    return not far
 
 
 @compiled
@@ -59,13 +66,23 @@ def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
     """
     d, record = datagram[0], seen[0]
     if plain:
-        record.position[:], record.orientation_wxyz[:] = d.position, d.orientation_wxyz
+        for i in range(3):
+            record.position[i] = d.position[i]
+        for i in range(4):
+            record.orientation_wxyz[i] = d.orientation_wxyz[i]
     else:
-        d.orientation_wxyz[:] /= math.sqrt((d.orientation_wxyz**2).sum())
+        norm = 0.0
+        for i in range(4):
+            norm += d.orientation_wxyz[i] ** 2
+        norm = math.sqrt(norm)
+        for i in range(4):
+            d.orientation_wxyz[i] /= norm
         _turned(d.orientation_wxyz, thing_p, v)
-        d.position[:] += v
+        for i in range(3):
+            d.position[i] += v[i]
         _turned(world, d.position, v)
-        record.position[:] = world_p + v
+        for i in range(3):
+            record.position[i] = world_p[i] + v[i]
         _product(world, d.orientation_wxyz, q)
         _product(q, thing, record.orientation_wxyz)
     record.seen = d.seen

@@ -27,7 +27,9 @@ KINEMATICS_RECORD = np.dtype(
 def forward_kinematics(kinematics, q):
     """Set T and J of one record of KINEMATICS_RECORD for joint positions `q` (7,), rad."""
     T, axes, origins = kinematics.T, kinematics.axes, kinematics.origins
-    T[:3] = np.eye(3, 4)
+    for r in range(3):
+        for c in range(4):
+            T[r, c] = 1.0 if r == c else 0.0
     for j in range(JOINTS):
         P = kinematics.T_parent_joint[j]
         cq, sq = cos(q[j]), sin(q[j])
@@ -93,8 +95,8 @@ def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
     J J^T - s^2 I is not positive definite, which a factorisation tells.
     """
     J, JJ, L, F = kinematics.J, kinematics.JJ, kinematics.factor, kinematics.wrench
-    F[:] = 0.0
     for i in range(6):
+        F[i] = 0.0
         for k in range(i + 1):
             total = 0.0
             for j in range(JOINTS):

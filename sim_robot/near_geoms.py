@@ -26,11 +26,11 @@ MASKS = np.dtype([("contype", "i4"), ("conaffinity", "i4"), ("body", "i8"), ("ne
 def near_dtype(arms: int, positions: int) -> np.dtype:
     """Return the record of what is remembered.
 
-    reach: how far any point of an arm is from any of its joints at most; thing: the object from its middle, m. moved:
+    reach: how far any point of an arm is from any of its joints at most, object: any point from its middle, m; moved:
     the sum of what arms and object have moved since the last look, step: in the last substep, room: of the pairs that
     are left out, how much they may, m. qpos: of the last look; fixed: 1 where no geom is ever left out.
     """
-    numbers = ("thing", "moved", "step", "room")
+    numbers = ("object", "moved", "step", "room")
     kinds = [("reach", "f8", (arms,)), *((name, "f8") for name in numbers), ("qpos", "f8", positions), ("fixed", "i8")]
     return np.dtype(kinds)
 
@@ -67,7 +67,7 @@ def near_of(model: mujoco.MjModel, first_bodies: tuple[int, ...], object_body: i
         bodies = [body for body in range(model.nbody) if _hangs_on(model, body, first)]
         lengths = np.linalg.norm(model.body_pos[bodies], axis=1).sum()
         near["reach"][0, arm] = lengths + max(size[np.isin(model.geom_bodyid, bodies)], default=0.0)
-    near["thing"] = size[model.geom_bodyid == object_body].max()
+    near["object"] = size[model.geom_bodyid == object_body].max()
     near["qpos"], near["fixed"] = np.nan, fixed
     return near
 
@@ -81,13 +81,15 @@ def _hangs_on(model: mujoco.MjModel, body: int, first: int) -> bool:
 @compiled
 def look_at_all(masks, contype, conaffinity, body_contype, body_conaffinity):
     """Leave no geom out. contype, conaffinity (n,): of MuJoCo's geoms; body_ (n,): of all geoms of a body."""
-    masks.near[:] = 1
+    for k in range(masks.shape[0]):
+        masks[k].near = 1
     _show(masks, contype, conaffinity, body_contype, body_conaffinity)
 
 
 @compiled
 def _show(masks, contype, conaffinity, body_contype, body_conaffinity):
-    body_contype[:], body_conaffinity[:] = 0, 0
+    for body in range(body_contype.shape[0]):
+        body_contype[body] = body_conaffinity[body] = 0
     for k in range(masks.shape[0]):
         mask = masks[k]
         contype[k] = mask.contype if mask.near != 0 else 0
@@ -100,7 +102,8 @@ def _show(masks, contype, conaffinity, body_contype, body_conaffinity):
 def look(pairs, masks, near, contype, conaffinity, body_contype, body_conaffinity, kinds, sizes, radii, xpos, xmat):
     """Leave out what is far; geoms (n,) of these kinds, sizes and bounding radii are at xpos and xmat."""
     room = np.inf
-    masks.near[:] = 0
+    for k in range(masks.shape[0]):
+        masks[k].near = 0
     for k in range(pairs.shape[0]):
         pair = pairs[k]
         a, b = pair.one, pair.other
@@ -145,9 +148,17 @@ def _from_box(box, other, kinds, sizes, xpos, xmat):
 @compiled
 def note_motion(near, qvel, period_s):
     """Add what arms and object move at most in a substep that ends with these velocities."""
-    moved, speeds, first = 0.0, np.abs(qvel), len(near.reach) * JOINTS
-    for arm, reach in enumerate(near.reach):
-        moved += speeds[arm * JOINTS : (arm + 1) * JOINTS].sum() * reach
-    linear, turned = speeds[first : first + 3].sum(), speeds[first + 3 :].sum()
-    near.step = (moved + linear + turned * near.thing) * period_s
+    moved = 0.0
+    arms = len(near.reach)
+    for arm in range(arms):
+        turned = 0.0
+        for j in range(JOINTS):
+            turned += abs(qvel[arm * JOINTS + j])
+        moved += turned * near.reach[arm]
+    first = arms * JOINTS
+    linear = turned = 0.0
+    for i in range(3):
+        linear += abs(qvel[first + i])
+        turned += abs(qvel[first + 3 + i])
+    near.step = (moved + linear + turned * near.object) * period_s
     near.moved += near.step

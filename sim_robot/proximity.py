@@ -18,7 +18,8 @@ _NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the second arm is
 # one signature, compiled when imported: MuJoCo's views are contiguous or not, depending on how many contacts there are
 @compiled("void(int32[:, :], float64[:], int64[:], float64[:])")
 def _nearest(pairs, distances, kinds, nearest):
-    nearest[:] = np.inf
+    for arm in range(len(nearest)):
+        nearest[arm] = np.inf
     for i in range(len(pairs)):
         for one in range(2):
             a, b = kinds[pairs[i, one]], kinds[pairs[i, 1 - one]]

@@ -47,9 +47,12 @@ _TOLERANCE_RECORD = np.dtype([*((name, "f8") for name in _NUMBERS), ("walls", "f
 
 @compiled
 def _take(tau_last, largest, error, tau):
-    if not np.all(np.abs(tau - tau_last) <= largest):  # NaN is too large as well
-        return error
-    tau_last[:] = tau
+    for j in range(JOINTS):
+        # written so that NaN is too large as well
+        if not abs(tau[j] - tau_last[j]) <= largest:
+            return error
+    for j in range(JOINTS):
+        tau_last[j] = tau[j]
     return 0
 
 

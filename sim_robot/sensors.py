@@ -78,7 +78,8 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k
             error = sensor.offset[j] + sensor.gravity_error[j] * motor.tau_gravity[j] + sensor.slow[j]
             sensor.past[sensor.newest, j] = sensor.tau_ext[j] + error
             if sensor.started == 0:
-                sensor.past[:, j] = sensor.tau_ext[j] + error
+                for ms in range(LONGEST_DELAY_MS + 1):
+                    sensor.past[ms, j] = sensor.tau_ext[j] + error
             tau_ext = sensor.past[oldest, j] + noise[5, j] * draw[5, j]
             sensor.tau_ext_measured[j] = tau_ext
             state.q[j] = _wire(q)
@@ -93,8 +94,11 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k
         body = kinematics[arm]
         forward_kinematics(body, state.q)
         estimate_wrench(body, sensor.tau_ext_measured, sensor.smallest_singular_value, sensor.wrench_damping)
-        state.O_F_ext_hat_K[:] = body.wrench.astype(np.float32)
-        state.O_T_EE[:3] = body.T[:3].astype(np.float32)
+        for r in range(6):
+            state.O_F_ext_hat_K[r] = _wire(body.wrench[r])
+        for r in range(3):
+            for c in range(4):
+                state.O_T_EE[r, c] = _wire(body.T[r, c])
 
 
 class Sensors:

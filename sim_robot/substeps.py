@@ -90,8 +90,10 @@ def advance_millisecond(
                 motor.tau_gravity[j] -= unknown
                 motor.tau_ext[j] += unknown
     near = nears[0]
-    # where something was put, it is not known before the next step where the geoms are
-    stale = near.fixed != 0 or np.any(qpos != near.qpos)
+    stale = near.fixed != 0
+    for i in range(qpos.shape[0]):
+        if qpos[i] != near.qpos[i]:  # it was put there: where the geoms are is not known before the next step
+            stale = True
     for _ in range(SUBSTEPS):
         if stale:
             look_at_all(masks, contype, conaffinity, body_contype, body_conaffinity)
@@ -135,13 +137,15 @@ def advance_millisecond(
                 motor.tau_ext[j] -= (qfrc_constraint[i] + motor.tau_applied[j]) / SUBSTEPS
                 if not abs(motor.dtheta[j]) < DIVERGED:
                     return False
-        if not np.all(np.abs(qvel) < DIVERGED):
-            return False
+        for i in range(qvel.shape[0]):
+            if not abs(qvel[i]) < DIVERGED:
+                return False
     for arm in range(arms):
         joint, motor = joints[arm], motors[arm]
         for j in range(JOINTS):
             i = arm * JOINTS + j
             motor.tau_J[j] = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (motor.dtheta[j] - qvel[i])
             motor.dq[j] = qvel[i]
-    near.qpos[:] = qpos
+    for i in range(qpos.shape[0]):
+        near.qpos[i] = qpos[i]
     return True

@@ -23,11 +23,17 @@ def _see(pose, all_draws, position_noise, half_angle_noise, records, k, t_ns):
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     a, b, c = half_angle_noise * draws[3], half_angle_noise * draws[4], half_angle_noise * draws[5]
     # a small rotation (1, e) along the world's axes, from the left, then normalised
-    turned = np.array(
-        [w - a * x - b * y - c * z, x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x]
+    turned = (
+        w - a * x - b * y - c * z,
+        x + a * w + b * z - c * y,
+        y + b * w + c * x - a * z,
+        z + c * w + a * y - b * x,
     )
-    record.position[:] = pose[:3] + position_noise * draws[:3]
-    record.orientation_wxyz[:] = turned / sqrt((turned**2).sum())
+    norm = sqrt(turned[0] ** 2 + turned[1] ** 2 + turned[2] ** 2 + turned[3] ** 2)
+    for i in range(3):
+        record.position[i] = pose[i] + position_noise * draws[i]
+    for i in range(4):
+        record.orientation_wxyz[i] = turned[i] / norm
 
 
 class SimulatedTracker:

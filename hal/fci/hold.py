@@ -64,15 +64,16 @@ def _answer(words, watched, state, command, from_q_d, address, address_size, des
         )  # fmt: skip
         if size != state.itemsize:
             continue
-        speeds = np.abs(state[0].dq)
-        if first:
-            faster += speeds
-        if not np.all(speeds <= faster):
-            return
+        for j in range(7):
+            if first:
+                faster[j] += abs(state[0].dq[j])
+            if not abs(state[0].dq[j]) <= faster[j]:
+                return
         first = False
         command[0].message_id = state[0].message_id
         if from_q_d:
-            command[0].q_c[:] = state[0].q_d
+            for j in range(7):
+                command[0].q_c[j] = state[0].q_d[j]
         _sendto(
             np.int32(descriptor), command.ctypes.data, np.uint64(command.itemsize), np.int32(0),
             address.ctypes.data, np.uint32(_ADDRESS_BYTES),

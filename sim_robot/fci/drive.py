@@ -62,7 +62,9 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
             force = K * error + 2.0 * sqrt(K * (_MASS if half == 0 else _INERTIA)) * rate
             for r in range(3):
                 wrench[3 * half + r] += T[r, c] * force
-    null = _NULL_STIFFNESS * (motion.q_d - state.q) + _NULL_DAMPING * (motion.dq_d - state.dq)
+    null = np.empty(JOINTS)
+    for j in range(JOINTS):
+        null[j] = _NULL_STIFFNESS * (motion.q_d[j] - state.q[j]) + _NULL_DAMPING * (motion.dq_d[j] - state.dq[j])
     # take out of `null` what pushes the end effector: null - J^T (J J^T + d I)^-1 J null
     b = np.zeros(6)
     for i in range(6):
@@ -88,11 +90,14 @@ def start_motion(motion, body, setting, q_start):
     forward_kinematics(body, q_start)
     product(body.T, setting.face_T_EE, motion.O_T_EE_d)
     motion.O_T_EE_c[:] = motion.O_T_EE_d
-    motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = q_start, 0.0, 0.0
-    motion.O_dP_EE_d[:], motion.O_dP_EE_c[:], motion.O_ddP_EE_c[:] = 0.0, 0.0, 0.0
+    for j in range(JOINTS):
+        motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q_start[j], 0.0, 0.0
+    for i in range(6):
+        motion.O_dP_EE_d[i], motion.O_dP_EE_c[i], motion.O_ddP_EE_c[i] = 0.0, 0.0, 0.0
     motion.elbow_c[0] = q_start[2]
     motion.elbow_c[1] = 1.0 if q_start[3] > ELBOW_FLIP else -1.0
-    motion.delbow_c[:], motion.ddelbow_c[:] = 0.0, 0.0
+    for i in range(2):
+        motion.delbow_c[i], motion.ddelbow_c[i] = 0.0, 0.0
     motion.first, motion.with_elbow = 1, 0
 
 
@@ -100,11 +105,13 @@ def start_motion(motion, body, setting, q_start):
 def extrapolate(motion, kind, body, setting):
     """Get over a lost packet with constant acceleration, joints or pose, as the robot does."""
     if kind <= JOINT_VELOCITY:
-        motion.dq_d[:] += motion.ddq_d * DT
-        motion.q_d[:] += motion.dq_d * DT
+        for j in range(JOINTS):
+            motion.dq_d[j] += motion.ddq_d[j] * DT
+            motion.q_d[j] += motion.dq_d[j] * DT
         return
-    motion.O_dP_EE_c[:] += motion.O_ddP_EE_c * DT
-    motion.O_dP_EE_d[:] = motion.O_dP_EE_c
+    for i in range(6):
+        motion.O_dP_EE_c[i] += motion.O_ddP_EE_c[i] * DT
+        motion.O_dP_EE_d[i] = motion.O_dP_EE_c[i]
     turn(motion.O_T_EE_d, motion.O_dP_EE_c, DT)
     motion.O_T_EE_c[:] = motion.O_T_EE_d
     if motion.with_elbow != 0:
@@ -113,9 +120,10 @@ def extrapolate(motion, kind, body, setting):
     q = motion.q_d.copy()
     for _ in range(3):
         inverse_step(body, setting, motion.O_T_EE_d, motion.elbow_c[0], motion.with_elbow != 0, q)
-    dq = (q - motion.q_d) / DT
-    motion.ddq_d[:] = (dq - motion.dq_d) / DT
-    motion.q_d[:], motion.dq_d[:] = q, dq
+    for j in range(JOINTS):
+        dq = (q[j] - motion.q_d[j]) / DT
+        motion.ddq_d[j] = (dq - motion.dq_d[j]) / DT
+        motion.q_d[j], motion.dq_d[j] = q[j], dq
 
 
 JOINT_GENERATORS = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)

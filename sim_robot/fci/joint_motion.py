@@ -69,7 +69,10 @@ def judge_joints(q, dq, ddq, dddq, L, errors):
 @compiled
 def beyond(ddq, dddq, L):
     """True when a joint step, (7,) each, is beyond the published limits, with a spare for float32 states."""
-    return np.any(np.abs(ddq) > SPARE * L[5] + 0.5) or np.any(np.abs(dddq) > SPARE * L[6] + 500.0)
+    for j in range(JOINTS):  # noqa: SIM110 - compiled
+        if abs(ddq[j]) > SPARE * L[5, j] + 0.5 or abs(dddq[j]) > SPARE * L[6, j] + 500.0:
+            return True
+    return False
 
 
 @compiled
@@ -106,7 +109,8 @@ def follow_joints(motion, command, kind, setting, q_measured):
     if mask == 0:
         motion.first = 0
         motion.beyond += beyond(ddq, dddq, limits)
-        motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = q, dq, ddq
+        for j in range(JOINTS):
+            motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q[j], dq[j], ddq[j]
     return mask
 
 
@@ -116,7 +120,8 @@ def take_target(motion, command, setting):
     for j in range(JOINTS):
         if not setting.joint_limits[0, j] <= command.q_c[j] <= setting.joint_limits[1, j]:
             return VIA_PLANNING
-    motion.target[:] = command.q_c
+    for j in range(JOINTS):
+        motion.target[j] = command.q_c[j]
     return 0
 
 
@@ -138,4 +143,7 @@ def approach_target(motion):
 @compiled
 def ends_too_fast(motion):
     """True when a motion that ends now would end while it moves."""
-    return np.any(np.abs(motion.dq_d) > _END_VELOCITY)
+    for j in range(JOINTS):  # noqa: SIM110 - compiled
+        if abs(motion.dq_d[j]) > _END_VELOCITY:
+            return True
+    return False

@@ -35,14 +35,17 @@ def rotation_between(A, B, w):
 @compiled
 def step_between(A, B, step):
     """step (6,): from pose A to pose B, (4, 4) each, m and rad along the base's axes."""
-    rotation_between(A, B, step[3:])
-    step[:3] = B[:3, 3] - A[:3, 3]
+    w = np.empty(3)
+    rotation_between(A, B, w)
+    for r in range(3):
+        step[r], step[r + 3] = B[r, 3] - A[r, 3], w[r]
 
 
 @compiled
 def turn(T, w, dt):
     """Turn and move T by the twist w (6,) for dt, along the base's axes."""
-    T[:3, 3] += w[:3] * dt
+    for r in range(3):
+        T[r, 3] += w[r] * dt
     x, y, z = w[3] * dt, w[4] * dt, w[5] * dt
     angle = sqrt(x * x + y * y + z * z)
     if angle < 1e-15:
@@ -65,23 +68,29 @@ def norm(v, first):
 
 @compiled
 def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
-    """Move q (7,) towards the pose T_goal of the end effector by one damped Newton step.
+    """Move q (7,) towards the pose T_goal of the end effector by one damped Newton step; return the error's norm.
 
     Without an elbow the smallest motion, with one joint 3 goes where the elbow says and the others make up for it.
     """
-    T, error = np.empty((4, 4)), np.empty(6)
+    T, error, w = np.empty((4, 4)), np.empty(6), np.empty(3)
     forward_kinematics(body, q)
     product(body.T, setting.face_T_EE, T)
-    step_between(T, T_goal, error)
+    rotation_between(T, T_goal, w)
+    for r in range(3):
+        error[r], error[r + 3] = T_goal[r, 3] - T[r, 3], w[r]
     # the Jacobian is that of the pad's face: move the error there
     lx, ly, lz = body.T[0, 3] - T[0, 3], body.T[1, 3] - T[1, 3], body.T[2, 3] - T[2, 3]
     error[0] += error[4] * lz - error[5] * ly
     error[1] += error[5] * lx - error[3] * lz
     error[2] += error[3] * ly - error[4] * lx
+    size = 0.0
+    for r in range(6):
+        size += error[r] * error[r]
     J, JJ, L = body.J, body.JJ, body.factor
     step3 = elbow - q[2] if with_elbow else 0.0
     if with_elbow:
-        error -= J[:, 2] * step3
+        for r in range(6):
+            error[r] -= J[r, 2] * step3
     for i in range(6):
         for k in range(i + 1):
             total = 0.0
@@ -90,7 +99,7 @@ def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
                     total += J[i, j] * J[k, j]
             JJ[i, k] = total
     if not cholesky(JJ, _IK_DAMPING * _IK_DAMPING, L):
-        return
+        return size
     solve(L, error)
     for j in range(JOINTS):
         if with_elbow and j == 2:
@@ -98,3 +107,4 @@ def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
             continue
         for r in range(6):
             q[j] += J[r, j] * error[r]
+    return size

@@ -56,7 +56,9 @@ def product(A, B, C):
         for c in range(4):
             total = A[r, 0] * B[0, c] + A[r, 1] * B[1, c] + A[r, 2] * B[2, c]
             C[r, c] = total + (A[r, 3] if c == 3 else 0.0)
-    C[3, :3], C[3, 3] = 0.0, 1.0
+    for c in range(3):
+        C[3, c] = 0.0
+    C[3, 3] = 1.0
 
 
 @compiled
@@ -67,7 +69,9 @@ def elbow_sign(q4):
 
 @compiled
 def _columns(T, wire):
-    wire.reshape(4, 4)[:] = T.T
+    for c in range(4):
+        for r in range(4):
+            wire[4 * c + r] = T[r, c]
 
 
 @compiled
@@ -131,9 +135,11 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
     T, lever, twist, wrench = np.empty((4, 4)), np.empty(3), np.empty(6), np.empty(6)
     for arm in range(states.shape[0]):
         state, body, setting, motion, wire = states[arm], measured[arm], settings[arm], motions[arm], wires[arm]
-        wire.q[:], wire.dq[:], wire.theta[:], wire.dtheta[:] = state.q, state.dq, state.theta, state.dtheta
-        wire.tau_J[:], wire.dtau_J[:], wire.tau_J_d[:] = state.tau_J, state.dtau_J, state.tau_J_d
-        wire.tau_ext_hat_filtered[:] = state.tau_ext_hat_filtered
+        for j in range(JOINTS):
+            wire.q[j], wire.dq[j] = state.q[j], state.dq[j]
+            wire.theta[j], wire.dtheta[j] = state.theta[j], state.dtheta[j]
+            wire.tau_J[j], wire.dtau_J[j], wire.tau_J_d[j] = state.tau_J[j], state.dtau_J[j], state.tau_J_d[j]
+            wire.tau_ext_hat_filtered[j] = state.tau_ext_hat_filtered[j]
         product(body.T, setting.face_T_EE, T)
         _columns(T, wire.O_T_EE)
         _columns(setting.F_T_EE, wire.F_T_EE)
@@ -141,56 +147,73 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         _columns(setting.F_T_NE, wire.F_T_NE)
         _columns(setting.NE_T_EE, wire.NE_T_EE)
         wire.m_ee, wire.m_load = setting.m_ee, setting.m_load
-        wire.I_ee[:], wire.I_load[:] = setting.I_ee, setting.I_load
-        wire.F_x_Cee[:], wire.F_x_Cload[:] = setting.F_x_Cee, setting.F_x_Cload
-        wire.O_ddP_O[:2], wire.O_ddP_O[2] = motion.base_shaken[:2], motion.base_shaken[2] + GRAVITY_ACCELERATION
+        for i in range(9):
+            wire.I_ee[i], wire.I_load[i] = setting.I_ee[i], setting.I_load[i]
+        for i in range(3):
+            wire.F_x_Cee[i], wire.F_x_Cload[i] = setting.F_x_Cee[i], setting.F_x_Cload[i]
+            wire.O_ddP_O[i] = motion.base_shaken[i] + (GRAVITY_ACCELERATION if i == 2 else 0.0)
         wire.elbow[0], wire.elbow[1] = state.q[2], elbow_sign(state.q[3])
 
         # what is desired, and what the client commands
         if motion.following != 0:
-            motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = state.q, state.dq, 0.0
+            for j in range(JOINTS):
+                motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = state.q[j], state.dq[j], 0.0
         goal = desired[arm]
         forward_kinematics(goal, motion.q_d)
         if motion.cartesian == 0:
             product(goal.T, setting.face_T_EE, motion.O_T_EE_d)
-            lever[:] = motion.O_T_EE_d[:3, 3] - goal.T[:3, 3]
+            for r in range(3):
+                lever[r] = motion.O_T_EE_d[r, 3] - goal.T[r, 3]
             _twist(goal, motion.dq_d, lever, motion.O_dP_EE_d)
             motion.O_T_EE_c[:] = motion.O_T_EE_d
             _acceleration(goal, motion, motion.O_T_EE_d, motion.O_ddP_EE_c)
             motion.O_dP_EE_c[:] = motion.O_dP_EE_d
             motion.elbow_c[0], motion.elbow_c[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
             motion.delbow_c[0], motion.ddelbow_c[0] = motion.dq_d[2], motion.ddq_d[2]
-        wire.q_d[:], wire.dq_d[:], wire.ddq_d[:] = motion.q_d, motion.dq_d, motion.ddq_d
+        for j in range(JOINTS):
+            wire.q_d[j], wire.dq_d[j], wire.ddq_d[j] = motion.q_d[j], motion.dq_d[j], motion.ddq_d[j]
         _columns(motion.O_T_EE_d, wire.O_T_EE_d)
         _columns(motion.O_T_EE_c, wire.O_T_EE_c)
-        wire.O_dP_EE_d[:], wire.O_dP_EE_c[:] = motion.O_dP_EE_d, motion.O_dP_EE_c
-        wire.O_ddP_EE_c[:] = motion.O_ddP_EE_c
+        for i in range(6):
+            wire.O_dP_EE_d[i], wire.O_dP_EE_c[i] = motion.O_dP_EE_d[i], motion.O_dP_EE_c[i]
+            wire.O_ddP_EE_c[i] = motion.O_ddP_EE_c[i]
         wire.elbow_d[0], wire.elbow_d[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
-        wire.elbow_c[:], wire.delbow_c[:], wire.ddelbow_c[:] = motion.elbow_c, motion.delbow_c, motion.ddelbow_c
+        for i in range(2):
+            wire.elbow_c[i], wire.delbow_c[i] = motion.elbow_c[i], motion.delbow_c[i]
+            wire.ddelbow_c[i] = motion.ddelbow_c[i]
 
         # what the robot carries of a load that was set
-        product(body.T, setting.face_T_F, T)
-        centre = setting.F_x_Cload
-        lever[:] = T[:3, 3] + T[:3, 0] * centre[0] + T[:3, 1] * centre[1] + T[:3, 2] * centre[2]
+        mass, Q = setting.m_load, body.T
+        product(Q, setting.face_T_F, T)
+        for r in range(3):
+            centre = setting.F_x_Cload
+            lever[r] = T[r, 3] + T[r, 0] * centre[0] + T[r, 1] * centre[1] + T[r, 2] * centre[2]
         for j in range(JOINTS):
             axis, origin = body.axes[j], body.origins[j]
             lift = axis[0] * (lever[1] - origin[1]) - axis[1] * (lever[0] - origin[0])
-            motors[arm].tau_load[j] = -GRAVITY_ACCELERATION * setting.m_load * lift
+            motors[arm].tau_load[j] = -GRAVITY_ACCELERATION * mass * lift
 
         # the wrench about K, along the base's axes and along K's
         product(body.T, setting.face_T_K, T)
-        lever[:], wrench[:] = body.T[:3, 3] - T[:3, 3], body.wrench
-        wrench[3] += lever[1] * wrench[2] - lever[2] * wrench[1]
-        wrench[4] += lever[2] * wrench[0] - lever[0] * wrench[2]
-        wrench[5] += lever[0] * wrench[1] - lever[1] * wrench[0]
-        wire.O_F_ext_hat_K[:] = wrench
+        for r in range(3):
+            lever[r] = body.T[r, 3] - T[r, 3]
+            wrench[r] = body.wrench[r]
+        wrench[3] = body.wrench[3] + (lever[1] * wrench[2] - lever[2] * wrench[1])
+        wrench[4] = body.wrench[4] + (lever[2] * wrench[0] - lever[0] * wrench[2])
+        wrench[5] = body.wrench[5] + (lever[0] * wrench[1] - lever[1] * wrench[0])
+        for r in range(3):
+            wire.O_F_ext_hat_K[r], wire.O_F_ext_hat_K[r + 3] = wrench[r], wrench[r + 3]
         for r in range(3):
             twist[r] = T[0, r] * wrench[0] + T[1, r] * wrench[1] + T[2, r] * wrench[2]
             twist[r + 3] = T[0, r] * wrench[3] + T[1, r] * wrench[4] + T[2, r] * wrench[5]
-        wire.K_F_ext_hat_K[:] = twist
+        for i in range(6):
+            wire.K_F_ext_hat_K[i] = twist[i]
 
         # contact and collision by the client's thresholds: other ones while accelerating
-        row = 0 if np.any(motion.ddq_d != 0.0) else 2
+        row = 2
+        for j in range(JOINTS):
+            if motion.ddq_d[j] != 0.0:
+                row = 0
         lower, upper, mask, on = setting.torque_thresholds[row], setting.torque_thresholds[row + 1], 0, motion.watching
         if _levels(state.tau_ext_hat_filtered, lower, upper, on, motion.joint_contact, motion.joint_collision):
             mask |= JOINT_COLLISION
@@ -198,8 +221,11 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         if _levels(twist, lower, upper, on, motion.cartesian_contact, motion.cartesian_collision):
             mask |= CARTESIAN_COLLISION
         collisions[arm] = mask
-        wire.joint_contact[:], wire.joint_collision[:] = motion.joint_contact, motion.joint_collision
-        wire.cartesian_contact[:], wire.cartesian_collision[:] = motion.cartesian_contact, motion.cartesian_collision
+        for j in range(JOINTS):
+            wire.joint_contact[j], wire.joint_collision[j] = motion.joint_contact[j], motion.joint_collision[j]
+        for i in range(6):
+            wire.cartesian_contact[i] = motion.cartesian_contact[i]
+            wire.cartesian_collision[i] = motion.cartesian_collision[i]
         _accelerometers(body, state.q, motors[arm].dq, motion, wire)
 
 
@@ -227,10 +253,12 @@ def _accelerometers(body, q, dq, motion, wire):
     bottom[i] sits at joint i + 1, top[i] at joint i + 2. dq (7,) is the plant's own, so that this is the mean
     acceleration over the last millisecond, not what encoders tell anyway; each axis has noise of its own.
     """
-    R, v, a = np.eye(3), np.empty(3), np.empty(3)
+    R = np.empty((3, 3))
+    v, w, a = np.empty(3), np.empty(3), np.empty(3)
     for i in range(6):
         # velocity of the origin of joint i + 2
-        v[:] = 0.0
+        for r in range(3):
+            v[r], w[r] = 0.0, 0.0
         point = body.origins[i + 1]
         for j in range(i + 1):
             x, z = body.origins[j], body.axes[j]
@@ -238,12 +266,16 @@ def _accelerometers(body, q, dq, motion, wire):
             v[0] += (z[1] * lz - z[2] * ly) * dq[j]
             v[1] += (z[2] * lx - z[0] * lz) * dq[j]
             v[2] += (z[0] * ly - z[1] * lx) * dq[j]
-        if motion.started != 0:
-            motion.acceleration[i] = (v - motion.velocity_last[i]) * 1e3
-        motion.velocity_last[i] = v
+        for r in range(3):
+            if motion.started != 0:
+                motion.acceleration[i, r] = (v[r] - motion.velocity_last[i, r]) * 1e3
+            motion.velocity_last[i, r] = v[r]
     if motion.started == 0:
         motion.noise = np.uint64(np.int64(q[0] * 1e15))  # the cell's seed decides it
     motion.started = 1
+    for r in range(3):
+        for c in range(3):
+            R[r, c] = 1.0 if r == c else 0.0
     for i in range(6):
         P = body.T_parent_joint[i]
         cq, sq = cos(q[i]), sin(q[i])
@@ -253,11 +285,17 @@ def _accelerometers(body, q, dq, motion, wire):
             z = R[r, 0] * P[0, 2] + R[r, 1] * P[1, 2] + R[r, 2] * P[2, 2]
             R[r, 0], R[r, 1], R[r, 2] = x * cq + y * sq, y * cq - x * sq, z
         for end in range(2):
-            read = wire.accelerometer_bottom if end == 0 else wire.accelerometer_top
-            a[:2], a[2] = 0.0, -GRAVITY_ACCELERATION
-            if i + end > 0:
-                a += motion.acceleration[i - 1 + end]
+            for r in range(3):
+                a[r] = -GRAVITY_ACCELERATION if r == 2 else 0.0
+                if end == 0 and i > 0:
+                    a[r] += motion.acceleration[i - 1, r]
+                if end == 1:
+                    a[r] += motion.acceleration[i, r]
             for c in range(3):
                 value = R[0, c] * a[0] + R[1, c] * a[1] + R[2, c] * a[2] + ACCELEROMETER_NOISE * _normal(motion)
                 value = min(max(value, -ACCELEROMETER_RANGE), ACCELEROMETER_RANGE)
-                read[i, c] = ACCELEROMETER_BIT * floor(value / ACCELEROMETER_BIT + 0.5)
+                value = ACCELEROMETER_BIT * floor(value / ACCELEROMETER_BIT + 0.5)
+                if end == 0:
+                    wire.accelerometer_bottom[i, c] = value
+                else:
+                    wire.accelerometer_top[i, c] = value
