@@ -206,7 +206,9 @@ def as_told(behaviour: CollisionBehaviour) -> tuple[list[float], list[float]]:
 
 
 def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(cell, demonstration, relays, monkeypatch):
-    monkeypatch.setattr("hal.fci.pair.STALE_S", STALE_IN_LOCKSTEP_S)  # nothing is late in lockstep, but this machine
+    # nothing is late in lockstep, but this machine
+    monkeypatch.setattr("hal.fci.pair.STALE_S", STALE_IN_LOCKSTEP_S)
+    monkeypatch.setattr("rtstack.loop.watchdogs.OVERRUN_TICKS", 10_000)
     simulator, *both = relays
     host, port = simulator.tracker.address
     simulator.tracker.close()
