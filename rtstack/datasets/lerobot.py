@@ -80,7 +80,7 @@ class LeRobot(FrameFormat):
             for name, values in counted.items():
                 table = table.append_column(name, _column(values))
             chunk, file = files.write(table)
-            # of numbers of a frame and of pictures; not of the 1 kHz samples
+            # a frame's numbers and pictures are described, its 1 kHz samples are not
             values = {name: _shown(table, name, each) for name, each in _features(said).items()
                       if len(each["shape"]) == 1 or each["dtype"] == "image"}  # fmt: skip
             shown.append(values)

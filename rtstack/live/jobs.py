@@ -56,7 +56,7 @@ class Jobs:
         self._idle = idle
         self._watchdogs = watchdogs
         self._run_observer = run_observer
-        # of the job that runs: its log, the text of its faults file, and what its log says of a campaign
+        # what the running job was ordered with: log, text of a faults file, record of a campaign
         self._path, self._faults, self._campaign = Path(), "", None
         self._first_object = next(iter(source.description.objects))
 

@@ -18,6 +18,7 @@ from rtstack.cells import default_cell_file
 from rtstack.experiments import attempts
 from rtstack.experiments.attempts import Attempt, Kind, aborted
 from rtstack.experiments.cell.reset import Reset, instruction
+from rtstack.experiments.cell.runner import CellRunner
 from rtstack.experiments.cell.schedule import CellSchedule, control_case, ordered
 from rtstack.experiments.experiment import CellRun, Experiment
 from rtstack.experiments.registry import kind_named
@@ -276,3 +277,28 @@ def test_the_arms_try_again_once_what_has_fallen_stands_upright():
     assert carried == [Kind.PLACEMENT]
     assert len(told) == 1
     assert told[0].startswith("parcel does not stand upright on the table")
+
+
+def test_a_pause_comes_before_a_run_that_brings_the_object(tmp_path):
+    """As after a fault of a placement: no arm moves again before the person has looked."""
+    done, reasons = [], ["a fault: look at the cell", "a fault: look at the cell", ""]
+
+    class Host:
+        stopped = ""
+
+        @property
+        def paused(self):
+            done.append("asked")
+            return reasons.pop(0)
+
+        def carry_out(self, run, log, record):
+            done.append("carried out")
+            return SimpleNamespace(failure_reason=None, as_dict=dict)
+
+    runner = object.__new__(CellRunner)
+    runner.host, runner._at_start = Host(), True
+    runner._store = SimpleNamespace(out=tmp_path, note_attempt=lambda attempt: done.append(str(attempt.kind)))
+    runner._progress = SimpleNamespace(tell=lambda text: None)
+    runner._schedule = CellSchedule()
+    runner._carry_out(None, Kind.PLACEMENT, "a case")
+    assert done == ["asked"] * 3 + [Kind.PERSON, "carried out", Kind.PLACEMENT]

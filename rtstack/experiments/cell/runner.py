@@ -179,10 +179,11 @@ class CellRunner(Runner):
         """Carry out a run and note it. log: by default one beside the others. Raises what the host raises; then it is
         noted too.
         """
-        began, began_s = _now(), time.monotonic()
-        if log is None:
+        if log is None:  # a pause, or a look after a fault, comes before each run that brings the arms and the object
+            self._wait(lambda: self.host.paused, Kind.PERSON, name)
             log = _unused(self._store.out / RESETS / f"{name.replace('/', '-')}.mcap", kind.replace(" ", "-"))
         log.parent.mkdir(exist_ok=True)
+        began, began_s = _now(), time.monotonic()
         try:
             result = self.host.carry_out(run, log, record)
         except Exception as error:
