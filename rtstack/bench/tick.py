@@ -1,4 +1,4 @@
-"""The dual-arm tick, its parts, and the same tick in plain numpy, turn by turn in one run on the same states.
+"""The dual-arm tick and its parts, without an active limit and with one.
 
 The states come from a walk around the cell's home pose. In every other constrained tick the torque limit of one
 joint is lowered below what it carries, so that the solver has to answer.
@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from hal.base.arrays import Array
-from rtstack.bench.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.records import POINT
 from rtstack.control.tick import CellController
 from rtstack.control.watch import TrialMonitor
-from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.samples import Mode, QpStatus
@@ -28,7 +26,7 @@ WARM_UP = 200  # ticks that are not counted
 
 
 class _Pair:
-    """Both implementations of one dual-arm tick, fed with the same states."""
+    """Both arms' tick, fed with states."""
 
     def __init__(self, description: CellDescription, parameters: Parameters, rng: np.random.Generator) -> None:
         description = replace(description, safety={})  # the walk leaves the cell's box
@@ -37,19 +35,11 @@ class _Pair:
         machine.begin(Mode.ANTE_IMPACT)
         self.controller = CellController(self.arms, machine, _monitor(parameters.control.period_s))
         self.judges = safety_judges(description)
-        mountings = description.arms
-        self.plain = tuple(
-            PlainArm(
-                ArmModel(mounting, description.pad), parameters.control, parameters.detector, parameters.inertia,
-                friction, parameters.solver,
-            )
-            for mounting, friction in zip(mountings, parameters.friction, strict=True)
-        )  # fmt: skip
         self._tau_J_max = float(self.arms[0].limits["tau_J_max"][0, 1])
-        self.homes = [np.array(mounting.home) for mounting in mountings]
-        self.stiffness = np.array(parameters.control.stiffness)
+        self.homes = [np.array(mounting.home) for mounting in description.arms]
+        stiffness = np.array(parameters.control.stiffness)
         for arm in self.arms:
-            arm.pursue(self.stiffness, arm.parameters.posture_gain)
+            arm.pursue(stiffness, arm.parameters.posture_gain)
         self.points = [np.zeros(1, POINT) for _ in range(2)]
         self.residuals = [arm.control["momentum_residual"][0] for arm in self.arms]
         for arm, point in zip(self.arms, self.points, strict=True):
@@ -58,41 +48,30 @@ class _Pair:
         self._now_ns = 0
         self._phase = rng.uniform(0.0, 2 * np.pi, (2, 7))
 
-    def pose(self, k: int, constrain: bool) -> tuple[list[PlainState], list[PlainSetpoint]]:
-        """Put the state and the reference of tick k into both implementations."""
-        states, setpoints = [], []
+    def pose(self, k: int, constrain: bool) -> None:
+        """Set the state and the reference of tick k."""
         self._now_ns += 1_000_000  # of a clock that never goes back: the judge would stop
         for a, arm in enumerate(self.arms):
             t = 1e-3 * k
             q = self.homes[a] + 0.1 * np.sin(2.0 * t + self._phase[a])
             dq = 0.2 * np.cos(2.0 * t + self._phase[a])
             noise = self._rng.normal(size=13)
-            state = PlainState(q, dq, arm.workspace["gravity"][0] + noise[:7] * 0.05, noise[7:] * 0.2)
             point = self.points[a]
             arm.model.update(q, dq)
             point["position"][0] = arm.model.p7 + arm.model.R7 @ arm.model.face + 0.01 * np.sin(t + self._phase[a, :3])
             point["rotation"][0] = arm.model.R7 @ arm.model.R_joint_ee
             point["twist"][0, :3] = 0.02 * np.cos(t + self._phase[a, :3])
             point["xi"][0] = q[0]
-            for tau_J_max in (arm.limits["tau_J_max"][0], self.plain[a].limits.tau_J_max):
-                # less than the joint needs to carry the arm: the torque row is active whatever is wanted
-                tau_J_max[1] = 0.5 * abs(arm.model.g[1]) if constrain else self._tau_J_max
+            # less than the joint needs to carry the arm: the torque row is active whatever is wanted
+            arm.limits["tau_J_max"][0, 1] = 0.5 * abs(arm.model.g[1]) if constrain else self._tau_J_max
             sample = arm.sample
             sample["t_ns"][0] = self._now_ns
-            sample["q"][0], sample["dq"][0], sample["tau_J"][0] = q, dq, state.tau_J
-            sample["O_F_ext_hat_K"][0] = state.O_F_ext_hat_K
-            states.append(state)
-            setpoints.append(
-                PlainSetpoint(
-                    point["position"][0], point["rotation"][0], point["twist"][0], point["wrench_ff"][0], q[0], 0.0,
-                    0.0,
-                    1.0, self.stiffness, arm.parameters.posture_gain,
-                )
-            )  # fmt: skip
-        return states, setpoints
+            sample["q"][0], sample["dq"][0] = q, dq
+            sample["tau_J"][0] = arm.workspace["gravity"][0] + noise[:7] * 0.05
+            sample["O_F_ext_hat_K"][0] = noise[7:] * 0.2
 
-    def compiled(self) -> tuple[int, list[Array], int]:
-        """Run the compiled tick; return its time in ns, its torques, and the worst QP status."""
+    def tick(self) -> tuple[int, int]:
+        """Run a tick; return its time in ns, and the worst QP status."""
         began = time.perf_counter_ns()
         for arm in self.arms:
             arm.observe()
@@ -106,8 +85,7 @@ class _Pair:
         for arm, judge, residual in zip(self.arms, self.judges, self.residuals, strict=True):
             judge.judge(arm.sample, residual=residual)
             arm.applied()
-        elapsed = time.perf_counter_ns() - began
-        return elapsed, [arm.sample["tau_desired"][0].copy() for arm in self.arms], worst
+        return time.perf_counter_ns() - began, worst
 
     def watch(self) -> None:
         """Let the monitor see both arms."""
@@ -119,60 +97,39 @@ class _Pair:
         for arm in self.arms:
             arm.choose(0, self.controller.machine)
 
-    def numpy(self, states: list[PlainState], setpoints: list[PlainSetpoint]) -> tuple[int, list[Array]]:
-        """Run the plain tick; return its time in ns and its torques."""
-        began = time.perf_counter_ns()
-        outputs = [arm.tick(s, p) for arm, s, p in zip(self.plain, states, setpoints, strict=True)]
-        return time.perf_counter_ns() - began, [output.tau_desired for output in outputs]
-
 
 def bench_tick(description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0) -> dict[str, Any]:
     """Measure `ticks` ticks without an active limit, and as many with one in half of them.
 
     Returns:
-        Times of the whole dual-arm tick in us, and what they are compared with: tick_*: no limit active; constrained_*:
-        a limit active in half of the ticks; model, observe, monitor, command, judge: parts of the tick without a limit,
-        p50; speedup: plain numpy over compiled, p50 over p50, no limit active; largest_difference: between both
-        torques, Nm, over all ticks without a limit.
+        Times in us. tick_*: of the whole dual-arm tick, no limit active; constrained_*: a limit active in half of the
+        ticks; model, observe, monitor, command, judge: parts of the tick without a limit, p50.
     """
     rng = np.random.default_rng(seed)
     pair = _Pair(description, parameters, rng)
-    times: dict[tuple[bool, str], list[int]] = {(c, n): [] for c in (False, True) for n in ("compiled", "numpy")}
-    largest = 0.0
+    times: dict[bool, list[int]] = {False: [], True: []}
     solved = unsolved = 0
     for constrained in (False, True):
         for k in range(WARM_UP + ticks):
-            states, setpoints = pair.pose(k, constrained and k % 2 == 1)
-            compiled_ns, compiled, worst = pair.compiled()
-            numpy_ns, plain = pair.numpy(states, setpoints)
-            for arm, own in zip(pair.arms, pair.plain, strict=True):  # both go on from the torque that was applied
-                own.tau_previous = arm.sample["tau_applied"][0].copy()
+            pair.pose(k, constrained and k % 2 == 1)
+            took_ns, worst = pair.tick()
             if k < WARM_UP:
                 continue
-            times[constrained, "compiled"].append(compiled_ns)
-            times[constrained, "numpy"].append(numpy_ns)
+            times[constrained].append(took_ns)
             if constrained:
                 solved += worst >= QpStatus.SOLVED
                 unsolved += worst > QpStatus.SOLVED
-            else:
-                largest = max(largest, *(float(np.max(np.abs(x - y))) for x, y in zip(compiled, plain, strict=True)))
-    us = {key: np.array(values) * 1e-3 for key, values in times.items()}
-    free, free_numpy = us[False, "compiled"], us[False, "numpy"]
+    free, bounded = (np.array(times[constrained]) * 1e-3 for constrained in (False, True))
     return {
         "ticks": ticks,
         "solver": str(parameters.solver),
         "tick_us_p50": _percentile(free, 50),
         "tick_us_p99": _percentile(free, 99),
-        "numpy_tick_us_p50": _percentile(free_numpy, 50),
-        "numpy_tick_us_p99": _percentile(free_numpy, 99),
-        "speedup": _percentile(free_numpy, 50) / _percentile(free, 50),
-        "constrained_tick_us_p50": _percentile(us[True, "compiled"], 50),
-        "constrained_tick_us_p99": _percentile(us[True, "compiled"], 99),
-        "constrained_numpy_tick_us_p50": _percentile(us[True, "numpy"], 50),
+        "constrained_tick_us_p50": _percentile(bounded, 50),
+        "constrained_tick_us_p99": _percentile(bounded, 99),
         "constrained_share": solved / ticks,
         "unsolved": unsolved,
         **_parts(pair, ticks),
-        "largest_difference": largest,
     }
 
 

@@ -24,7 +24,7 @@ def bench_tick(
     solver: Annotated[QpSolver | None, typer.Option(help="Library to ask where the active set has no answer.")] = None,
     json: Json = False,
 ) -> None:
-    """The dual-arm tick and its parts, beside the same tick in plain numpy, in one run."""
+    """The dual-arm tick and its parts, with no limit active and with one."""
     from rtstack.bench.tick import bench_tick
     from rtstack.cells import load_description
     from rtstack.trials.assembly import default_parameters

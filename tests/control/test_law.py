@@ -1,12 +1,13 @@
 """The compiled tick against the plain one, which is written from the equations."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from rtstack.bench.plain import PlainArm, PlainLimits, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters, FrictionParameters, InertiaParameters
 from rtstack.control.records import POINT
@@ -16,15 +17,16 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import HARDWARE, control_limits
 from rtstack.samples import LawInertia, Mode, QpStatus
 from tests.support.arm_controller import make_arm_controller
+from tests.support.plain_tick import PlainArm, PlainLimits
 
 
 def _arm(cell: CellDescription) -> ArmController:
     return make_arm_controller(ArmModel(cell.left, cell.pad))
 
 
-def _random_setpoint(rng: np.random.Generator, arm: ArmController, weight: float) -> PlainSetpoint:
+def _random_setpoint(rng: np.random.Generator, arm: ArmController, weight: float) -> SimpleNamespace:
     rotation = pin.exp3(0.2 * rng.normal(size=3)) @ arm.model.R7 @ arm.model.R_joint_ee
-    return PlainSetpoint(
+    return SimpleNamespace(
         position=arm.model.p7 + arm.model.R7 @ arm.model.face + 0.01 * rng.normal(size=3),
         rotation=rotation,
         twist=0.2 * rng.normal(size=6),
@@ -38,9 +40,9 @@ def _random_setpoint(rng: np.random.Generator, arm: ArmController, weight: float
     )
 
 
-def _put(arm: ArmController, setpoint: PlainSetpoint) -> None:
-    for name in PlainSetpoint.__slots__:
-        arm.setpoint[name][0] = getattr(setpoint, name)
+def _put(arm: ArmController, setpoint: SimpleNamespace) -> None:
+    for name, value in vars(setpoint).items():
+        arm.setpoint[name][0] = value
 
 
 def _table(rng: np.random.Generator) -> dict[str, object]:
@@ -89,13 +91,13 @@ def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks, tight, 
     for _ in range(ticks):
         q = np.array(cell.left.home) + 0.3 * rng.normal(size=7)
         q = np.clip(q, limits.q_lower, limits.q_upper)
-        state = PlainState(q, 0.3 * rng.normal(size=7), 20.0 * rng.normal(size=7), 10.0 * rng.normal(size=6))
+        state = SimpleNamespace(
+            q=q, dq=0.3 * rng.normal(size=7), tau_J=20.0 * rng.normal(size=7), O_F_ext_hat_K=10.0 * rng.normal(size=6)
+        )
         arm.model.update(state.q, state.dq)
-        arm.sample["q"][0] = q
+        for name, value in vars(state).items():
+            arm.sample[name][0] = value
         setpoint = _random_setpoint(rng, arm, weight)
-        arm.sample["dq"][0] = state.dq
-        arm.sample["tau_J"][0] = state.tau_J
-        arm.sample["O_F_ext_hat_K"][0] = state.O_F_ext_hat_K
         _put(arm, setpoint)
         arm.observe()
         status = arm.command(Mode.ANTE_IMPACT)
@@ -204,7 +206,7 @@ def test_each_limit_becomes_active(cell, limit):
     arm.sample["q"][0], arm.sample["dq"][0] = q, dq
     arm.observe()
     work = arm.workspace[0]
-    setpoint = PlainSetpoint(
+    setpoint = SimpleNamespace(
         position=work["position"] + _push_joint_4_up(arm, 0.03),
         rotation=work["rotation"].copy(), twist=np.zeros(6), wrench_ff=np.zeros(6), xi=q[0], dxi=0.0, beta=0.0,
         velocity_weight=0.0, stiffness=np.array(ControlParameters().stiffness), posture_gain=500.0,

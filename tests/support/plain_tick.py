@@ -1,4 +1,4 @@
-"""The tick in plain numpy, written from the equations: the other side of the benchmark and the oracle of the tests.
+"""The tick in plain numpy, written from the equations: the oracle of the compiled one.
 
 It shares nothing with the compiled tick but Pinocchio's model and the QP solver. Its limits, too, are its own: the
 vendor's published numbers and the margins of docs/limits.md, written here a second time.
@@ -59,32 +59,6 @@ class PlainLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class PlainState:
-    """What the tick needs of an arm's state: (7,) each, O_F_ext_hat_K (6,)."""
-
-    q: Array
-    dq: Array
-    tau_J: Array
-    O_F_ext_hat_K: Array
-
-
-@dataclass(frozen=True, slots=True)
-class PlainSetpoint:
-    """What is wanted, with the fields of rtstack.control.records.SETPOINT."""
-
-    position: Array
-    rotation: Array
-    twist: Array
-    wrench_ff: Array
-    xi: float
-    dxi: float
-    beta: float
-    velocity_weight: float
-    stiffness: Array
-    posture_gain: float
-
-
-@dataclass(frozen=True, slots=True)
 class PlainOutput:
     """What the tick says: torque (7,), wrench (6,), posture acceleration, residual (7,), impact, QP status."""
 
@@ -124,8 +98,8 @@ class PlainArm:
         self.tau_previous = np.zeros(7)
         self.limits = PlainLimits(safety)
 
-    def tick(self, state: PlainState, setpoint: PlainSetpoint) -> PlainOutput:
-        """Compute the torque for one state and one setpoint."""
+    def tick(self, state: Any, setpoint: Any) -> PlainOutput:
+        """Compute the torque. state: has q, dq, tau_J (7,) and O_F_ext_hat_K (6,); setpoint: the fields of SETPOINT."""
         q, dq = state.q, state.dq
         dt = self._p.period_s
         pin.computeCoriolisMatrix(self._pin, self._data, q, dq)
@@ -190,7 +164,7 @@ class PlainArm:
         a[:3] += np.cross(v[3:], v[:3])
         return J, a, T_world_ee
 
-    def _observe(self, M: Array, C: Array, g: Array, state: PlainState, dt: float) -> Array:
+    def _observe(self, M: Array, C: Array, g: Array, state: Any, dt: float) -> Array:
         p = M @ state.dq
         driven, gain = state.tau_J - g + C.T @ state.dq, self._inertia.observer_gain_hz
         if self._integral is None:
