@@ -6,16 +6,18 @@ from math import atan2, degrees, pi
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.base.arrays import Array
 from hal.cell import Cell
 from hal.displacement import Displacement
+from hal.tracker import ObjectPose
 from rtstack.loop.history import Columns
 from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.placement import carried
-from rtstack.safety.limits import ForcePhase
-from rtstack.samples import Mode
+from rtstack.safety.limits import ForcePhase, PairLimits
+from rtstack.samples import SIDES, Mode
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
@@ -52,19 +54,20 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
         stands, wanted = object_stands(cell, description, specification.object), specification.wanted
         parameters = cell_parameters(description)
         thing, stiffness = description.objects[specification.object], parameters.control.stiffness_teleoperation
-        arms = arm_controllers(description, parameters)
+        arms, limits = arm_controllers(description, parameters), limits_of_arms(description)
         try:
             targets = carried(
                 (arms[0].model, arms[1].model), description.home, thing, description.table, stands=stands,
                 wanted=specification.aimed, pad_friction=thing.pad_friction or description.contact_friction.pad,
                 stiffness_n_m=float(stiffness[1]), period_s=parameters.control.period_s,
             )  # fmt: skip
+            _check_box(targets, limits)
         except ValueError as error:
             raise TrialError(f"{specification.object} cannot be placed: {error}") from None
         plan = SessionPlan(
             targets, targets, Mode.TELEOPERATION, stiffness, parameters.control.period_s, phase=ForcePhase.CONTACT
         )
-        with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
+        with Run(description, parameters, plan, limits, context, way) as run:
             outcome = run.follow(cell)
             reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
             carried_out = reason is None
@@ -86,6 +89,17 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
                 peak_force_n=_peak_force(run.history.columns()), log=run.log_name,
             )  # fmt: skip
             return run.finished(result)
+
+
+def _check_box(targets: NDArray[np.void], limits: PairLimits) -> None:
+    """Raise ValueError where a pad would leave the judge's box. targets: (2, n) of POINT."""
+    for side, points, judged in zip(SIDES, targets["position"], limits, strict=True):
+        outside = (points < judged.ee_lower) | (points > judged.ee_upper)
+        if outside.any():
+            k, axis = np.argwhere(outside)[0]
+            raise ValueError(
+                f"at {'xyz'[axis]} {1e3 * points[k, axis]:.0f} mm the {side} pad would leave the box of [safety]"
+            )
 
 
 def place(
@@ -120,6 +134,16 @@ def prepare_placement(specification: PlacementSpecification, description: CellDe
     return PreparedPlacement(specification, description)
 
 
+def object_is_seen(cell: Cell, description: CellDescription) -> bool:
+    """Return whether the tracker sees an object now. Raises HardwareError."""
+    pose = object_before(cell, description)
+    return bool(pose.record["seen"][0]) and _age_s(cell, pose) <= LOST_S
+
+
+def _age_s(cell: Cell, pose: ObjectPose) -> float:
+    return 1e-9 * (max(int(arm.read().record["t_ns"][0]) for arm in cell.arms) - pose.t_ns)
+
+
 def object_stands(cell: Cell, description: CellDescription, name: str) -> Displacement:
     """Return where the tracker sees the object stand, from its nominal place; its yaw is within half a turn.
 
@@ -128,8 +152,7 @@ def object_stands(cell: Cell, description: CellDescription, name: str) -> Displa
     pose, thing = object_before(cell, description), description.objects[name]
     if not pose.record["seen"][0]:
         raise TrialError(f"the tracker does not see {name}: put it upright on the table, within the arms' reach")
-    age_s = 1e-9 * (max(int(arm.read().record["t_ns"][0]) for arm in cell.arms) - pose.t_ns)
-    if age_s > LOST_S:
+    if (age_s := _age_s(cell, pose)) > LOST_S:
         raise TrialError(
             f"the tracker has not seen {name} for {age_s:.0f} s: see to its markers, and that nothing hides them"
         )
