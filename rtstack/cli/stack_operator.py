@@ -102,6 +102,9 @@ class StackOperator:
         with closing(rings):
             yield cell
 
+    def put_back(self) -> None:
+        """See CellHost. The robot process keeps the cell open."""
+
     @contextmanager
     def watched(self) -> Iterator[None]:
         """See CellHost: take control over from the person who has armed, and give signs of life."""

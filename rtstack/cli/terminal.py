@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,8 @@ class Terminal:
     sets_object: bool = False  # see CellHost
     _hold: HoldToRun | None = None
     _cell: Cell | None = None
+    _kept: ExitStack = field(default_factory=ExitStack)  # of what is open with it
+    _run: Any = None  # the first one on it
     _context: RunContext | None = None
     _paused: str = ""
     _warned: set[str] = field(default_factory=set)
@@ -97,12 +99,21 @@ class Terminal:
     @contextmanager
     def kept_cell(self, run: PreparedRun) -> Iterator[Cell]:
         """Keep the cell of a first run open for several."""
-        with self.cell(run) as cell:
-            self._cell = cell
+        with ExitStack() as self._kept:
+            self._cell, self._run = self._kept.enter_context(self.cell(run)), run
             try:
-                yield cell
+                yield self._cell
             finally:
                 self._cell = None
+
+    def put_back(self) -> Cell | None:
+        """See CellHost. A simulated robot puts the object back when a client comes."""
+        if self.check().needed:
+            return None
+        self._cell = None
+        self._kept.close()
+        self._cell = self._kept.enter_context(self.cell(self._run))
+        return self._cell
 
     def warn(self, text: str) -> None:
         """Print a line, once."""

@@ -7,9 +7,9 @@ a Dask scheduler, what is missing after an interruption, retries, the table of r
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, final
 
 from hal.displacement import Displacement
 from rtstack.experiments.plan_file import PlanFile, digest_of
@@ -18,6 +18,7 @@ from rtstack.experiments.task import digests
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
+    from rtstack.log.reader import Log
     from rtstack.trials.carry_out import PreparedRun
 
 Row = dict[str, Any]
@@ -64,28 +65,30 @@ class Task:
 class CellRun:
     """A case, or a part of a stage, as a run on a cell's arms.
 
-    log: its file, absolute; record: what its log says of the campaign; wanted: where the object is to stand before it,
-    from its nominal place, None without one; setup: what a person has to set up before it, as an imperative.
+    log: its file, absolute; record: what its log says of the campaign besides the case's id and the digest; wanted:
+    where the object is to stand before it, from its nominal place, None without one; setup: what a person has to set up
+    before it, as an imperative; clear: nothing may stand on the table.
     """
 
     run: "PreparedRun[Any]"
     log: Path
-    record: Mapping[str, str]
-    wanted: Displacement | None
+    record: Mapping[str, str] = field(default_factory=dict)
+    wanted: Displacement | None = None
     setup: str = ""
+    clear: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
     """What has to be made before the cases can be run, such as references. label: what progress is called meanwhile.
 
-    on_cell: where the campaign runs on arms, the runs there in place of the tasks, by the tasks' names; None: workers
-    make it there, too.
+    on_cell: where the campaign runs on arms, returns the run there in place of the task of a name, or raises
+    ConfigurationError; None: workers make it there, too.
     """
 
     label: str
     tasks: Sequence[Task]
-    on_cell: Callable[[], Mapping[str, CellRun]] | None = None
+    on_cell: Callable[[str], CellRun] | None = None
 
 
 # yields stages, and is sent what failed in each of them: name of the task -> reason
@@ -205,23 +208,29 @@ class Experiment(ABC, Generic[S, C]):
         """Return rows of cases that were run, and logged, but not kept: the program was killed in between."""
         return ()
 
-    @abstractmethod
     def tasks(self, cases: Sequence[C]) -> Iterable[Task]:
-        """Return the tasks that make the rows of these cases."""
+        """Return the tasks that make the rows of these cases. By default none: each is run as `on_cell` has it."""
+        return ()
 
     def on_cell(self, case: C) -> CellRun:
-        """Return a case as a run on arms; its row then comes from its log, by `row_of_log`.
+        """Return a case as a run on a cell, arms or simulated; its row then comes from its log, by `row_of_log`.
 
-        Raises TrialError where this kind runs in the simulator alone.
+        Raises TrialError where this kind runs in the simulator alone, by `tasks` of its own.
         """
         raise TrialError(f"{self.specification.name} runs in the simulator alone: --cell direct, or lockstep")
 
-    def row_of_log(self, case: C, log: Path) -> Row | None:
-        """Return the row of a case that ran on arms from its log, None where it is not a complete one of this case.
+    def row_of_log(self, case: C, log: "Log") -> Row:
+        """Return the row of a case from its complete log: id, and the experiment's columns.
 
         Raises TrialError where this kind runs in the simulator alone: a kind defines `on_cell` and this, or neither.
         """
         raise TrialError(f"{type(self).__name__} defines no row_of_log: it runs in the simulator alone")
+
+    @final
+    def planned(self, case: C) -> CellRun:
+        """Return a case as a run on a cell, whose log says of which campaign it is."""
+        planned = self.on_cell(case)
+        return replace(planned, record={**planned.record, "id": case.id, "digest": self.digest})
 
     @property
     def cell_file(self) -> Path | None:

@@ -7,7 +7,6 @@ The name is what a plan file says as `kind = "my-kind"`; the object is a subclas
 (rtstack.experiments.experiment). It is imported when a plan asks for its kind, or when plans are listed.
 """
 
-import inspect
 import sys
 import tomllib
 from functools import lru_cache
@@ -36,8 +35,11 @@ def kind_named(name: str) -> type[Experiment[Any, Any]]:
     if not issubclass(kind, Experiment):
         raise TrialError(f"kind of experiment {name!r}: {kind.__qualname__} is no subclass of {Experiment.__module__}"
                          f".{Experiment.__qualname__}; repair or uninstall its package")  # fmt: skip
-    if inspect.isabstract(kind):  # said now, not once all its cases have run
-        missing = ", ".join(sorted(kind.__abstractmethods__))
+    without = set(kind.__abstractmethods__)  # said now, not once all its cases have run
+    if kind.tasks is Experiment.tasks and not kind.runs_on_cell():
+        without |= {"on_cell and row_of_log, or tasks"}
+    if without:
+        missing = ", ".join(sorted(without))
         raise TrialError(
             f"kind of experiment {name!r}: {kind.__qualname__} does not define {missing}; repair its package"
         )

@@ -10,6 +10,7 @@ from distributed import Client, Future, as_completed
 
 from rtstack.experiments.experiment import Case, Experiment, Row, Stage, Task
 from rtstack.experiments.progress import Progress
+from rtstack.experiments.simulation import simulated_tasks
 from rtstack.experiments.store import Store
 from rtstack.experiments.task import run_cases, run_stage
 from rtstack.experiments.workers import slots
@@ -100,7 +101,7 @@ class Runner:
     def _run(self, cases: list[Case], began_s: float) -> None:
         experiment, tally = self._experiment, self.tally
         for task, future in self._finished(
-            experiment.tasks(cases),
+            [*experiment.tasks(cases)] or simulated_tasks(experiment, cases),
             lambda task: self._submit(
                 task, run_cases, task.function, task.arguments, experiment.sources, experiment.digest, retries=RETRIES
             ),

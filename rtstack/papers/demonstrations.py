@@ -99,7 +99,12 @@ class Bench(CampaignBench):
 
 def campaign_record(case: Any, digest: str) -> dict[str, str]:
     """Return the metadata record `campaign` of the log of a case, a dataclass with an id."""
-    return {key: str(value) for key, value in asdict(case).items()} | {"id": case.id, "digest": digest}
+    return record_of(case) | {"id": case.id, "digest": digest}
+
+
+def record_of(case: Any) -> dict[str, str]:
+    """Return the fields of a case, a dataclass, for that record."""
+    return {key: str(value) for key, value in asdict(case).items()}
 
 
 def _demonstration(
@@ -146,16 +151,14 @@ def recording_stages(
     """
     there = bench.archive.names(RECORDINGS)
     missing = [reference for reference in references if reference.file not in there]
-    arguments = [(bench, one, conditions(one), seed_of(seed, "reference", one.name)) for one in missing]
-    tasks = [Task(f"reference-{one.name}", record, each) for one, each in zip(missing, arguments, strict=True)]
+    arguments = {
+        f"reference-{one.name}": (bench, one, conditions(one), seed_of(seed, "reference", one.name)) for one in missing
+    }
+    tasks = [Task(name, record, each) for name, each in arguments.items()]
 
-    def on_arms() -> dict[str, CellRun]:
-        return {
-            task.name: CellRun(
-                _demonstration(*each), bench.out / RECORDINGS / one.file, {"digest": bench.digest}, Displacement()
-            )
-            for one, task, each in zip(missing, tasks, arguments, strict=True)
-        }
+    def on_arms(name: str) -> CellRun:
+        log = bench.out / RECORDINGS / arguments[name][1].file
+        return CellRun(_demonstration(*arguments[name]), log, wanted=Displacement())
 
     failed = yield Stage("references", tasks, on_arms)
     unrecorded = {one.name: failed[task.name] for one, task in zip(missing, tasks, strict=True) if task.name in failed}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rtstack.control.parameters import DetectorParameters
 from rtstack.log.analysis.derived import base_pose
 from rtstack.log.analysis.lateness import Lateness, lateness_of
+from rtstack.log.errors import LogError
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
@@ -87,6 +88,14 @@ def review_log(path: Path) -> Review:
         fault=log.metadata.get("fault"),
         lateness=lateness_of(log),
     )
+
+
+def has_succeeded(path: Path) -> bool:
+    """Return whether there is a log of a run that has succeeded."""
+    try:
+        return read_log(path).metadata.get("result", {}).get("success") == "true"
+    except LogError:
+        return False
 
 
 def log_columns(log: Log) -> Columns:

@@ -279,6 +279,47 @@ def test_the_arms_try_again_once_what_has_fallen_stands_upright():
     assert told[0].startswith("parcel does not stand upright on the table")
 
 
+def test_nothing_runs_until_the_table_is_clear_where_it_has_to_be():
+    description = load_cell_description(default_cell_file())
+    tracker = Seen(description, "parcel")
+    cell = replace(simulated_cell("parcel", 0.0, 0).as_cell("direct"), tracker=tracker)
+    now_ns = int(cell.arms[0].read().record["t_ns"][0])
+    told = []
+
+    def wait(said, kind, case_id):
+        while text := said():
+            told.append(text)
+            tracker.put(0.0, 0.0, now_ns - 3_000_000_000)  # it was taken away
+
+    tracker.put(0.0, 0.0, now_ns)
+    run = PreparedRun(TrialSpecification("reference.mcap", object="parcel"), description)
+    Reset(cell, lambda *run: None, wait).set_in_place(CellRun(run, Path("log.mcap"), {}, None, clear=True), "a case")
+    assert len(told) == 1
+    assert told[0].startswith("take the object off the table")
+
+
+def test_a_simulated_robot_puts_back_what_the_arms_cannot_reach():
+    """Once: what then is not in its place, a person has to mend."""
+    description = load_cell_description(default_cell_file())
+    trackers = [Seen(description, "parcel"), Seen(description, "parcel")]
+    cells = [replace(simulated_cell("parcel", 0.0, 0).as_cell("direct"), tracker=each) for each in trackers]
+    now_ns = int(cells[0].arms[0].read().record["t_ns"][0])
+    trackers[0].put(0.0, -260.0, now_ns)  # where a push leaves it
+    trackers[1].put(0.0, 0.0, now_ns)
+    carried = []
+
+    def carry(run, kind, case_id):
+        carried.append(kind)
+        if kind is Kind.PLACEMENT:
+            raise TrialError("it is out of reach")
+        return SimpleNamespace(failure_reason=None)
+
+    run = PreparedRun(TrialSpecification("reference.mcap", object="parcel"), description)
+    reset = Reset(cells[0], carry, lambda *said: pytest.fail("a person is asked"), True, lambda: cells[1])
+    reset.set_in_place(CellRun(run, Path("log.mcap"), {}, Displacement()), "a case")
+    assert carried == [Kind.PLACEMENT, Kind.START]
+
+
 def test_a_pause_comes_before_a_run_that_brings_the_object(tmp_path):
     """As after a fault of a placement: no arm moves again before the person has looked."""
     done, reasons = [], ["a fault: look at the cell", "a fault: look at the cell", ""]

@@ -62,7 +62,10 @@ def test_an_unknown_campaign_names_the_known_ones():
 
 
 def test_a_kind_that_lacks_a_method_is_refused_before_anything_runs(plugin):
-    with pytest.raises(TrialError, match="'unfinished': Experiment does not define cases, read, report, tasks"):
+    with pytest.raises(
+        TrialError,
+        match="'unfinished': Experiment does not define cases, on_cell and row_of_log, or tasks, read, report",
+    ):
         kind_named("unfinished")
 
 

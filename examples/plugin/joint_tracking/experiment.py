@@ -3,7 +3,7 @@
 A plan (kind = "tracking") names controllers and seeds. One demonstration is recorded first; each case is a trial.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,12 +13,15 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, load_toml
-from rtstack.cells import default_cell_file, load_description, open_cell
-from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
+from hal.displacement import Displacement
+from rtstack.cells import load_description
+from rtstack.experiments.experiment import CellRun, Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table
 from rtstack.experiments.report import Report, Section
+from rtstack.experiments.simulation import simulate
+from rtstack.log.reader import Log
 from rtstack.trials.controllers import ControllerName
-from rtstack.trials.run_context import RunContext
+from rtstack.trials.review import log_columns
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 
 COLUMNS = {"controller": str, "seed": int, "success": bool, "error_mm": float}
@@ -54,10 +57,14 @@ class Case:
 
 
 class Tracking(Experiment[Plan, Case]):
-    """The kind of experiment."""
+    """The kind of experiment. It says each run once, for the simulator and for arms."""
+
+    options = frozenset({"cell", "cell_file"})
+    made = ("references",)
 
     def __init__(self, specification: Plan, request: Request) -> None:
-        super().__init__(specification, request, COLUMNS, [request.file.path, default_cell_file()])
+        self._description, cell_file = load_description(request.cell_file)
+        super().__init__(specification, request, COLUMNS, [request.file.path, cell_file])
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Plan:
@@ -65,21 +72,41 @@ class Tracking(Experiment[Plan, Case]):
         plan = load_toml(path, Plan)
         return Plan(plan.name, plan.title, plan.kind, plan.controllers, 1, True) if quick else plan
 
+    @property
+    def _reference(self) -> Path:
+        return self.request.out / "references" / "reference.mcap"
+
     def stages(self) -> Stages:
         """Record the demonstration, where there is none yet."""
-        reference = self.request.out / "reference.mcap"
-        if not reference.exists():
-            yield Stage("recording", [Task("reference", record, (reference,))])
+        from rtstack.trials.demonstration import prepare_demonstration
+
+        self._reference.parent.mkdir(exist_ok=True)
+        if not self._reference.exists():
+            recording = CellRun(
+                prepare_demonstration(DemonstrationSpecification(), self._description), self._reference,
+                wanted=Displacement(),
+            )  # fmt: skip
+            arguments = recording, self.request.simulated_cell, self.request.cell_file
+            yield Stage("recording", [Task("reference", simulate, arguments)], lambda name: recording)
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
         """Return all trials."""
         plan = self.specification
         return [Case(name, 1 + k) for name in plan.controllers for k in range(plan.seeds)]
 
-    def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
-        """Return a task for each trial."""
-        reference = self.request.out / "reference.mcap"
-        return [Task(case.id, run, (reference, case), (case,)) for case in cases]
+    def on_cell(self, case: Case) -> CellRun:
+        """Return a trial, on arms or on a simulated cell."""
+        from rtstack.trials.trial import prepare_trial
+
+        asked = TrialSpecification(str(self._reference), case.controller, seed=case.seed)
+        log = self.request.out / "logs" / f"{case.id}.mcap"
+        return CellRun(prepare_trial(asked, self._description), log, wanted=Displacement())
+
+    def row_of_log(self, case: Case, log: Log) -> Row:
+        """Return what a trial's log says of it."""
+        result = log.metadata["result"]
+        row = {"id": case.id, "controller": case.controller, "seed": case.seed, "success": result["success"] == "true"}
+        return row | {"error_mm": 1e3 * _error_m(log), "ticks": int(result["ticks"])}
 
     def report(self, results: Results) -> Report:
         """Return the table and the figure."""
@@ -91,49 +118,11 @@ class Tracking(Experiment[Plan, Case]):
         return Report([Section(self.specification.title, tables=[table], figures=[figure])])
 
 
-def record(path: Path) -> str | None:
-    """Record the plain demonstration. Returns why there is none."""
-    from rtstack.trials.demonstration import run_demonstration
-    from rtstack.trials.record import open_log
-
-    description, file = load_description(None)
-    asked = DemonstrationSpecification()
-    cell = open_cell("direct", asked.object, 0.0, asked.seed, description)
-    try:
-        log = open_log(path, asked, description, cell.name, file, overwrite=True)
-        return run_demonstration(asked, description, cell, RunContext(log)).failure_reason
-    finally:
-        cell.close()
-
-
-def run(reference: Path, case: Case) -> list[Row]:
-    """Run a trial. Returns its row."""
-    from rtstack.trials.record import open_log
-    from rtstack.trials.trial import prepare_trial, run_trial
-
-    description, file = load_description(None)
-    asked = TrialSpecification(str(reference), case.controller, seed=case.seed)
-    prepared = prepare_trial(asked, description)
-    cell = open_cell("direct", asked.object, 0.0, case.seed, description)
-    path = reference.parent / f"{case.id}.mcap"
-    try:
-        log = open_log(path, asked, description, cell.name, file, reference=prepared.reference, overwrite=True)
-        result = run_trial(prepared, cell, RunContext(log))
-    finally:
-        cell.close()
-    error_m = _error_m(path, prepared.reference.nominal_impact_s)
-    row = {"id": case.id, "controller": case.controller, "seed": case.seed, "success": result.success}
-    return [row | {"error_mm": 1e3 * error_m, "ticks": result.ticks}]
-
-
-def _error_m(path: Path, nominal_impact_s: float) -> float:
+def _error_m(log: Log) -> float:
     """Return the root mean square of the pads' distance from their reference, from the start to 0.1 s before the
     impact."""
-    from rtstack.log.reader import read_log
-    from rtstack.trials.review import log_columns
-
-    columns = log_columns(read_log(path))
-    count = round((nominal_impact_s - 0.1) / 1e-3)
+    columns = log_columns(log)
+    count = round((float(log.metadata["trial"]["nominal_impact_s"]) - 0.1) / 1e-3)
     position = columns.arm["O_T_EE"][:, :count].reshape(2, count, 4, 4)[..., :3, 3]
     moved = position - position[:, :1]
     wanted = columns.control["pose_ref"][:, :count, :3]

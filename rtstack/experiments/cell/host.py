@@ -39,6 +39,13 @@ class CellHost(Protocol):
         """Give the cell to look at, its states and the tracker's poses. Raises HardwareError, TrialError."""
         ...
 
+    def put_back(self) -> Cell | None:
+        """Have the object of a simulated robot at its first place; return the cell, opened again. None: a person does.
+
+        Raises HardwareError.
+        """
+        ...
+
     def watched(self) -> AbstractContextManager[Any]:
         """Have a person, who watches, allow the motion of all runs. Raises TrialError."""
         ...

@@ -12,11 +12,20 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.move import PreparedMove, holds
-from rtstack.trials.placement import NEAR_DEG, NEAR_MM, difference, object_stands, place, prepare_placement
+from rtstack.trials.placement import (
+    NEAR_DEG,
+    NEAR_MM,
+    difference,
+    object_is_seen,
+    object_stands,
+    place,
+    prepare_placement,
+)
 from rtstack.trials.specification import HandMotion, MoveSpecification, PlacementSpecification
 from rtstack.trials.start_motion import WayRefused
 
 ATTEMPTS = 3  # of the arms, before a person is asked
+CLEAR = "take the object off the table: the arms need all of it (a simulated robot: start it with --object none)"
 STANDS_S = 1.0  # so long the object has to stand in its place, once a person has put it there
 Carry = Callable[[PreparedRun[Any], Kind, str], Any]
 Wait = Callable[[Callable[[], str], Kind, str], None]
@@ -34,11 +43,15 @@ class Reset:
     """Sets the object of a cell in its place.
 
     carry: carries out a run, and notes it as an attempt for a case; wait: waits for a person, tells what is to be done
-    for as long as there is something to tell, and notes that for a case. by_arms: whether they place the object.
+    for as long as there is something to tell, and notes that for a case. by_arms: whether they place the object;
+    put_back: see CellHost.
     """
 
-    def __init__(self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True) -> None:
-        self._cell, self._carry, self._wait, self._by_arms = cell, carry, wait, by_arms
+    def __init__(
+        self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True,
+        put_back: Callable[[], Cell | None] = lambda: None,
+    ) -> None:  # fmt: skip
+        self._cell, self._carry, self._wait, self._by_arms, self._put_back = cell, carry, wait, by_arms, put_back
         self._why = ""  # the arms could not place the object
 
     def go_to_start(self, planned: CellRun, case_id: str) -> None:
@@ -58,14 +71,20 @@ class Reset:
         meanwhile, WayRefused where the arms have to go to the start first.
         """
         description, name = planned.run.description, planned.run.specification.object
+        if planned.clear:
+            self._wait(lambda: CLEAR if object_is_seen(self._cell, description) else "", Kind.PERSON, case_id)
         if planned.wanted is None:
             return
         self._put_down(description, name, case_id)
-        by_arms = self._by_arms
+        by_arms, first = self._by_arms, True
         while True:
             placed = self._place(description, name, planned.wanted, case_id) if by_arms else False
             if placed:
                 return
+            if first and by_arms and (cell := self._put_back()) is not None:
+                self._cell, first = cell, False
+                self.go_to_start(planned, case_id)
+                continue
             by_arms &= placed is None  # the arms try again once it is seen to stand upright
             if self._by_a_person(description, name, planned.wanted, case_id, by_arms):
                 return

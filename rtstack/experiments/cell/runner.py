@@ -14,14 +14,14 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from hal.base.configuration import ConfigurationError
 from rtstack.experiments.attempts import Attempt, Kind, aborted
+from rtstack.experiments.case_log import case_log, row_of
 from rtstack.experiments.cell.host import CellHost
 from rtstack.experiments.cell.reset import Reset, ResetAborted
 from rtstack.experiments.cell.schedule import control_case, ordered, schedule_of
 from rtstack.experiments.experiment import Case, CellRun, Stage
 from rtstack.experiments.runner import Runner
-from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
@@ -57,7 +57,8 @@ class CellRunner(Runner):
             cell = self._held.enter_context(self.host.kept_cell(planned.run))
             self._held.enter_context(self.host.watched())
             by_arms = self._schedule.placed_by == "arms"
-            self._reset, self._work_s = Reset(cell, self._carry_out, self._wait, by_arms), time.monotonic()
+            self._reset = Reset(cell, self._carry_out, self._wait, by_arms, self.host.put_back)
+            self._work_s = time.monotonic()
         return self._reset
 
     def _prepare(self, stage: Stage) -> dict[str, str]:
@@ -66,15 +67,29 @@ class CellRunner(Runner):
             return super()._prepare(stage)
         self._progress.begin(stage.label, 0, len(stage.tasks))
         failed: dict[str, str] = {}
-        for name, planned in stage.on_cell().items():
-            result = self._once(planned, name, Kind.PREPARATION, planned.log)
-            if aborted(result.failure_reason):
-                planned.log.unlink(missing_ok=True)
-                raise TrialError(f"{name} was aborted, and is run again: {result.failure_reason}")
-            if result.failure_reason is not None:
-                failed[name] = result.failure_reason
+        for name in (task.name for task in stage.tasks):
+            try:
+                planned = stage.on_cell(name)
+                planned = replace(planned, record={"digest": self._experiment.digest, **planned.record})
+            except ConfigurationError as error:
+                failed[name] = str(error)
+                continue
+            if reason := self._prepared(planned, name):
+                failed[name] = reason
             self._progress.advance()
         return failed
+
+    def _prepared(self, planned: CellRun, name: str) -> str | None:
+        """Carry out a run of a stage; returns why it failed. Raises TrialError where it was aborted."""
+        reason: str | None = None
+        for attempt in count(1):
+            reason = self._once(planned, name, Kind.PREPARATION, planned.log).failure_reason
+            if not aborted(reason):
+                break
+            planned.log.unlink(missing_ok=True)
+            if not _mends(reason) or attempt >= self._schedule.attempts:
+                raise TrialError(f"{name} was aborted, and is run again: {reason}")
+        return reason
 
     def _run(self, cases: list[Case], began_s: float) -> None:
         """Run the cases in the order of the plan's schedule.
@@ -108,7 +123,7 @@ class CellRunner(Runner):
 
     def _case(self, case: Case) -> None:
         """Run a case until it has a row. Raises TrialError where a person has to look first."""
-        planned = self._experiment.on_cell(case)
+        planned = self._experiment.planned(case)
         result: Any = None
         for attempt in count(1):
             result = self._once(planned, case.id, Kind.CASE, planned.log)
@@ -129,7 +144,7 @@ class CellRunner(Runner):
 
     def _repeat(self, control: Case, kind: Kind) -> None:
         """Run the control case once more; its log has a number, its row stands with the attempt."""
-        planned, word = self._experiment.on_cell(control), kind.replace(" ", "-")
+        planned, word = self._experiment.planned(control), kind.replace(" ", "-")
         planned = replace(planned, record={**planned.record, "repeats": word})
         for attempt in count(1):
             result = self._once(planned, control.id, kind, _unused(planned.log, word), control)
@@ -191,7 +206,7 @@ class CellRunner(Runner):
             raise
         values, reason = result.as_dict(), result.failure_reason
         counts = self._uncounted(reason, values.get("missed_deadlines", 0)) is None
-        row = self._experiment.row_of_log(control, log) if counts and control is not None else None
+        row = row_of(self._experiment, control, log) if counts and control is not None else None
         self._store.note_attempt(Attempt(
             began, kind, name, reason, counts and kind is Kind.CASE, time.monotonic() - began_s,
             *(values.get(each) for each in ("off_mm", "off_deg", "peak_force_n")),
@@ -244,23 +259,22 @@ class CellRunner(Runner):
         """See Runner. The log of a case that was aborted, or is not complete, is put aside: it has no row."""
         found: set[str] = set()
         for case in cases:
-            log = self._experiment.on_cell(case).log
-            row = self._experiment.row_of_log(case, log) if self._counts(log) else None
+            path = self._experiment.on_cell(case).log
+            row = row_of(self._experiment, case, path) if self._counts(case, path) else None
             if row is None:
-                _put_aside(log)
+                _put_aside(path)
                 continue
             self._store.add(row)
             self._progress.advance()
             found.add(case.id)
         return found
 
-    def _counts(self, log: Path) -> bool:
-        """Return whether a case has a log with a result, and was not aborted."""
-        try:
-            result = read_log(log).metadata.get("result", {})
-        except LogError:
+    def _counts(self, case: Case, path: Path) -> bool:
+        """Return whether a case has a complete log, and was not aborted."""
+        if (log := case_log(path, case, self._experiment.digest)) is None:
             return False
-        return bool(result) and not self._uncounted(result.get("failure_reason"), int(result["missed_deadlines"]))
+        result = log.metadata["result"]
+        return not self._uncounted(result["failure_reason"], int(result.get("missed_deadlines", 0)))
 
 
 def _mends(reason: str | None) -> bool:

@@ -2,10 +2,21 @@
 along them, then trials.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
+from rtstack.experiments.experiment import (
+    SIMULATED,
+    CellRun,
+    Experiment,
+    Request,
+    Results,
+    Row,
+    Stage,
+    Stages,
+    Task,
+)
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
 from rtstack.papers.impact_maps.plan import (
@@ -17,11 +28,16 @@ from rtstack.papers.impact_maps.plan import (
 )
 from rtstack.trials.errors import TrialError
 
+if TYPE_CHECKING:
+    from rtstack.log.reader import Log
+
 
 class Validation(Experiment[ValidationPlan, ValidationTrial]):
     """Sections V and VI of the impact-map paper. Trials of a reference that is refused are left out, and reported."""
 
-    options = frozenset({"cell"})
+    options = frozenset({"cell", "cell_file"})
+    made = ("references", "identification")
+    on_stack = False
 
     def __init__(self, specification: ValidationPlan, request: Request) -> None:
         from rtstack.cells import load_description
@@ -30,13 +46,25 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
 
-        self.description, cell_file = load_description(None)
+        self.description, cell_file = load_description(request.cell_file)
         for thing in specification.objects:
             check_object(thing, self.description)
+        on_arms, sources = request.cell not in SIMULATED, [cell_file, *plant_files()]
+        if on_arms:
+            specification = specification.on_arms()
+            friction = self.description.joint_friction
+            if specification.free_runs() and friction is None:
+                raise TrialError(
+                    f"{cell_file} has no joint_friction, with which the plan's trials are run: identify it first "
+                    "(rtstack identify-friction), or set joint_friction in the plan's conditions"
+                )
+            sources += [] if friction is None else [friction]
         columns = columns_of(ValidationTrial, TrialResult) | MEASURED
-        super().__init__(specification, request, columns, [cell_file, *plant_files()])
+        super().__init__(specification, request, columns, sources)
         nominal = next(iter(specification.conditions.values()))
-        self._bench = ValidationBench(request.out, request.simulated_cell, cell_file, self.digest, nominal)
+        self._bench = ValidationBench(
+            request.out, request.simulated_cell, cell_file, self.digest, nominal, on_arms, request.cell_file
+        )
         self.refused: dict[PlannedReference, str] = {}
 
     @classmethod
@@ -55,7 +83,8 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
         for name in (SWEEPS, RECORDINGS, LOGS):
             (self.request.out / name).mkdir(exist_ok=True)
-        yield from self._identify()
+        if not self._bench.on_arms:
+            yield from self._identify()
         not_identified: dict[FreeRuns, str] = {}
         yield from self._identify_along(not_identified)
         yield from self._plan_references(not_identified)
@@ -97,11 +126,30 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
         plan, folder = self.specification, self.request.out / SWEEPS
         missing = {one.file: one for one in plan.free_runs() if not (folder / one.file).exists()}
+        if self._bench.on_arms:
+            not_identified.update((yield from self._run_free(missing.values())))
+            missing = {file: one for file, one in missing.items() if one not in not_identified}
         failed = yield Stage("identification along the references", [
             Task(file, identify_along, (self._bench, one, plan.scenario(one.motion), plan.identification_runs))
             for file, one in missing.items()
         ])  # fmt: skip
         not_identified.update({missing[file]: reason for file, reason in failed.items()})
+
+    def _run_free(self, missing: Iterable[FreeRuns]) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
+        """Have the arms make the runs that have no log yet. Returns why, of those that cannot be made."""
+        from rtstack.papers.impact_maps.reference import free_run_on_arms, identify_along
+        from rtstack.papers.impact_maps.worker import SWEEPS
+        from rtstack.trials.review import has_succeeded
+
+        plan, folder = self.specification, self.request.out / SWEEPS
+        asked = {
+            one.log(run): (self._bench, one, plan.scenario(one.motion), run)
+            for one in missing for run in range(plan.identification_runs)
+            if not has_succeeded(folder / one.log(run))
+        }  # fmt: skip
+        tasks = [Task(log, identify_along, each) for log, each in asked.items()]
+        failed = yield Stage("runs along the references", tasks, lambda log: free_run_on_arms(*asked[log]))
+        return {asked[log][1]: reason for log, reason in failed.items()}
 
     def _plan_references(self, not_identified: dict[FreeRuns, str]) -> Stages:
         """Plan what is missing; a reference along which nothing could be identified is refused, too."""
@@ -134,6 +182,20 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         for trial in cases:
             gains, conditions = plan.scenario(trial.motion).gains, plan.conditions[trial.conditions]
             yield Task(trial.id, run, (self._bench, trial, plan.reference(trial), gains, conditions), (trial,))
+
+    def on_cell(self, case: ValidationTrial) -> CellRun:
+        """See Experiment."""
+        from rtstack.papers.impact_maps.worker import on_arms
+
+        plan = self.specification
+        gains, conditions = plan.scenario(case.motion).gains, plan.conditions[case.conditions]
+        return on_arms(self._bench, case, plan.reference(case), gains, conditions)
+
+    def row_of_log(self, case: ValidationTrial, log: "Log") -> Row:
+        """See Experiment."""
+        from rtstack.papers.impact_maps.worker import row_of_log
+
+        return row_of_log(self._bench, case, self.specification.reference(case), log, self.columns)
 
     def report(self, results: Results) -> Report:
         """See rtstack.papers.impact_maps.report."""

@@ -10,6 +10,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml
+from rtstack.experiments.cell.schedule import CellSchedule
 from rtstack.experiments.registration import PlannedClaim, Registration, check_claims
 from rtstack.experiments.seeds import seed_of
 from rtstack.impact_map import MapKind
@@ -18,6 +19,7 @@ from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import GrabPlan, PlanError, PushPlan, checked_plan
 from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
+from rtstack.trials.errors import TrialError
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 
@@ -198,6 +200,7 @@ class ValidationPlan:
     conditions: dict[str, ValidationConditions]
     sample: Sample | None = None
     quick: bool = False
+    on_cell: CellSchedule | None = None
     claims: tuple[PlannedClaim, ...] = ()
     registration: Registration | None = None
 
@@ -237,6 +240,19 @@ class ValidationPlan:
     def scenario(self, motion: Motion) -> Scenario:
         """Return the scenario of a motion."""
         return next(scenario for scenario in self.scenarios if scenario.motion is motion)
+
+    def on_arms(self) -> "ValidationPlan":
+        """Return the plan for arms, which are one robot. Raises TrialError where conditions differ in the plant."""
+        plants = {
+            replace(each, joint_friction=JointFriction.NONE, compensate_object=True, map=MapKind.CONVERGED, motions=())
+            for each in self.conditions.values()
+        }
+        if len(plants) > 1:
+            raise TrialError(
+                f"{self.name} compares conditions that arms cannot be given, such as pad_friction: on arms give a plan "
+                "whose conditions differ in joint_friction, compensate_object, map or motions"
+            )
+        return replace(self, robots=self.robots[:1])
 
     def as_sample(self, sample: Sample) -> "ValidationPlan":
         """Return the --quick version."""

@@ -16,13 +16,16 @@ from scipy.signal import savgol_filter
 
 from hal.base.arrays import Array
 from hal.base.files import replacing
+from hal.limits import CONTROL_PERIOD_S
 from rtstack.control.impedance import task_inertia
 from rtstack.control.tick import ArmController
+from rtstack.experiments.experiment import CellRun
 from rtstack.experiments.seeds import seed_of
+from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.papers.demonstrations import RECORDINGS
 from rtstack.papers.impact_maps.feedback import AFTER_S
-from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, JointFriction, PlannedReference, Scenario
+from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, Gains, JointFriction, PlannedReference, Scenario
 from rtstack.papers.impact_maps.prediction import predict
 from rtstack.papers.impact_maps.worker import (
     SWEEPS,
@@ -37,6 +40,7 @@ from rtstack.planning.free import FreeMotion, PlanPhase, compensated, free_motio
 from rtstack.trials.assembly import arm_controllers
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.motion import PreparedMotion
+from rtstack.trials.review import log_columns
 from rtstack.trials.specification import FreeRunSpecification
 
 WINDOW = 101  # ticks over which what is left is smoothed, by cubics: friction along a path changes with the path
@@ -54,31 +58,58 @@ def _planned(bench: ValidationBench, thing: str, request: GrabPlan | PushPlan) -
     return plan_push(description, thing, request)
 
 
-def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, count: int) -> str | None:
-    """Make `count` runs along a part of a reference, their logs, and their average. Returns None, or in one line why
-    it failed."""
+@lru_cache(maxsize=2)  # the runs along a part follow one another
+def _free_run(
+    bench: ValidationBench, runs: FreeRuns, gains: Gains, request: GrabPlan | PushPlan
+) -> tuple[FreeMotion, PreparedMotion]:
+    """Return the motion along a part of a reference, and the first run of it. Raises PlanError."""
     description = bench.description
     conditions = replace(bench.nominal, joint_friction=JointFriction.IDENTIFIED)
-    parameters = parameters_of(bench, conditions, scenario.gains, description, runs.robot)
-    try:
-        planned = _planned(bench, runs.object, scenario.request(runs.case_name, runs.scale, kind=runs.map))
-        free = free_motion(planned, description, runs.part, parameters.control, AFTER_S + FADE_S)
-    except PlanError as error:
-        return str(error)
-    arms, found = arm_controllers(description, parameters), []
+    parameters = parameters_of(bench, conditions, gains, description, runs.robot)
+    planned = _planned(bench, runs.object, request)
+    free = free_motion(planned, description, runs.part, parameters.control, AFTER_S + FADE_S)
+    seed = seed_of(runs.robot, runs.name, 0)
+    specification = FreeRunSpecification(runs.name, runs.part, 0, runs.robot, seed)
+    return free, PreparedMotion(specification, description, free.plan, parameters, seed, True)
+
+
+def _run_of(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, run: int) -> tuple[FreeMotion, PreparedMotion]:
+    """Return the motion along a part of a reference, and a run of it. Raises PlanError."""
+    request = scenario.request(runs.case_name, runs.scale, kind=runs.map)
+    free, first = _free_run(bench, runs, scenario.gains, request)
+    seed = seed_of(runs.robot, runs.name, run)
+    return free, replace(first, specification=replace(first.specification, run=run, seed=seed), noise=seed)
+
+
+def free_run_on_arms(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, run: int) -> CellRun:
+    """Return a run along a part of a reference as one on a cell's arms. Raises PlanError."""
+    _, prepared = _run_of(bench, runs, scenario, run)
+    return CellRun(prepared, bench.out / SWEEPS / runs.log(run), clear=True)
+
+
+def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, count: int) -> str | None:
+    """Make `count` runs along a part of a reference and their logs, or take those that arms have made, and make their
+    average. Returns None, or in one line why it failed."""
+    found: list[Array] = []
     for run in range(count):
-        seed = seed_of(runs.robot, runs.name, run)
-        specification = FreeRunSpecification(runs.name, runs.part, run, runs.robot, seed)
-        log = bench.log(bench.out / SWEEPS / runs.log(run), specification, parameters.inertia.law_inertia)
-        prepared = PreparedMotion(specification, description, free.plan, parameters, seed)
-        built = validation_cell(NO_OBJECT, seed, runs.robot, conditions)
-        result = carry_out(prepared, WorkerHost(built, bench.cell, log))
-        if not result.success:
-            return f"its run with nothing in the way ({runs.log(run)}): {result.failure_reason}"
-        found.append(residual(result.columns, free, arms))
+        try:
+            free, prepared = _run_of(bench, runs, scenario, run)
+        except PlanError as error:
+            return str(error)
+        path, arms = bench.out / SWEEPS / runs.log(run), arm_controllers(bench.description, prepared.parameters)
+        if bench.on_arms:
+            columns = log_columns(read_log(path))
+        else:
+            log = bench.log(path, prepared.specification, prepared.parameters.inertia.law_inertia)
+            built = validation_cell(bench, NO_OBJECT, prepared.noise, runs.robot, bench.nominal)
+            result = carry_out(prepared, WorkerHost(built, bench.cell, log))
+            if not result.success:
+                return f"its run with nothing in the way ({runs.log(run)}): {result.failure_reason}"
+            columns = result.columns
+        found.append(residual(columns, free, arms))
     fade_s = FADE_S if runs.part is PlanPhase.POST else 0.0
     with replacing(bench.out / SWEEPS / runs.file) as unfinished, open(unfinished, "wb") as file:
-        np.save(file, average(found, fade_s, free.plan.period_s))
+        np.save(file, average(found, fade_s, CONTROL_PERIOD_S))
     return None
 
 

@@ -1,17 +1,24 @@
 """What a worker does: identify a joint's friction, or run a trial and write its log. References: see reference.py."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from hal.displacement import Displacement
 from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.tick import ArmController
-from rtstack.experiments.experiment import Row
+from rtstack.experiments.case_log import recorded_result
+from rtstack.experiments.experiment import CellRun, Row
 from rtstack.identification.procedure import Identification, sweep_log
 from rtstack.impact_map import ReflectedInertia
+from rtstack.log.reader import Log
+from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
-from rtstack.papers.demonstrations import LOGS, RECORDINGS, CampaignBench, campaign_record
+from rtstack.papers.demonstrations import LOGS, RECORDINGS, CampaignBench, campaign_record, record_of
 from rtstack.papers.impact_maps.feedback import feedback_signal
 from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
@@ -25,17 +32,20 @@ from rtstack.papers.impact_maps.prediction import MapKind, Prediction, read_pred
 from rtstack.papers.simulated_cell import FRICTION_DRAW, SMALLEST_FACTOR, BuiltCell, WorkerHost, simulated_files
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
 from rtstack.trials.carry_out import carry_out
+from rtstack.trials.review import log_columns
 from rtstack.trials.specification import SweepSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial
 from sim_robot.scene import NO_OBJECT, PlacementScatter
 
 
-def validation_cell(object_name: str, seed: int, robot: int, conditions: ValidationConditions) -> BuiltCell:
+def validation_cell(
+    bench: "ValidationBench", object_name: str, seed: int, robot: int, conditions: ValidationConditions
+) -> BuiltCell:
     """Return the simulated cell of a trial: the arms of seed `robot`, everything else of `seed`.
 
     object_name: empty for a cell without an object.
     """
-    nominal, parameters = simulated_files()
+    nominal, parameters = simulated_files(bench.lab_file)
     draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
     pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()
     known = object_name or next(iter(nominal.objects))
@@ -82,9 +92,13 @@ MEASURED: dict[str, type] = dict.fromkeys(
 
 @dataclass(frozen=True, slots=True)
 class ValidationBench(CampaignBench):
-    """See CampaignBench. nominal: the conditions of the identification."""
+    """See CampaignBench. nominal: the conditions of the identification. on_arms: the cases run on a cell's arms, whose
+    joint friction is the cell's own; lab_file: a cell_file with objects of its own.
+    """
 
     nominal: ValidationConditions
+    on_arms: bool = False
+    lab_file: Path | None = None
 
 
 @lru_cache(maxsize=1)
@@ -96,7 +110,7 @@ def identify(bench: ValidationBench, robot: int, asked: SweepSpecification) -> s
     """Make one run of a robot's identification, and its log. Returns None, or in one line why it failed."""
     log = bench.log(bench.out / SWEEPS / sweep_file(robot, asked), asked, bench.description.gains.law_inertia)
     prepared = _identification(bench).prepared(asked)
-    built = validation_cell(asked.object, prepared.noise, robot, bench.nominal)
+    built = validation_cell(bench, asked.object, prepared.noise, robot, bench.nominal)
     return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
 
 
@@ -104,7 +118,9 @@ def parameters_of(
     bench: ValidationBench, conditions: ValidationConditions, gains: Gains, description: CellDescription, robot: int
 ) -> Parameters:
     """Return the controller's numbers: the paper's tasks and interim mode, friction as the conditions have it."""
-    if conditions.joint_friction is JointFriction.IDENTIFIED:
+    if conditions.joint_friction is not JointFriction.IDENTIFIED:
+        description = replace(description, joint_friction=None)
+    elif not bench.on_arms:
         description = replace(description, joint_friction=bench.out / friction_file(robot))
     parameters = cell_parameters(description)
     if conditions.joint_friction is JointFriction.NONE:
@@ -118,7 +134,7 @@ def parameters_of(
     return replace(parameters, control=control)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _prepared(
     bench: ValidationBench, reference: PlannedReference, gains: Gains, conditions: ValidationConditions
 ) -> tuple[PreparedTrial, Prediction]:
@@ -150,11 +166,40 @@ def run(
         bench.out / LOGS / f"{trial.id}.mcap", specification, prepared.parameters.inertia.law_inertia,
         reference=prepared.reference, campaign=campaign_record(trial, bench.digest),
     )  # fmt: skip
-    result, columns = bench.run(prepared, validation_cell(trial.object, trial.seed, trial.robot, conditions), log)
-    signal = feedback_signal(columns, result.nominal_impact_time_s, _models(bench), DIRECTIONS[trial.motion])
+    built = validation_cell(bench, trial.object, trial.seed, trial.robot, conditions)
+    result, columns = bench.run(prepared, built, log)
+    return [_row(bench, trial, prediction, result.as_dict(), columns)]
+
+
+def on_arms(
+    bench: ValidationBench,
+    trial: ValidationTrial,
+    reference: PlannedReference,
+    gains: Gains,
+    conditions: ValidationConditions,
+) -> CellRun:
+    """Return a trial as a run on a cell's arms, from the object's nominal place."""
+    prepared, _ = _prepared(bench, reference, gains, conditions)
+    prepared = replace(prepared, specification=replace(prepared.specification, seed=trial.seed))
+    log = bench.out / LOGS / f"{trial.id}.mcap"
+    return CellRun(prepared, log, record_of(trial), Displacement())
+
+
+def row_of_log(
+    bench: ValidationBench, trial: ValidationTrial, reference: PlannedReference, log: Log, columns: Mapping[str, Any]
+) -> Row:
+    """Return the row of a trial from its log."""
+    prediction = read_prediction((bench.out / RECORDINGS / reference.file).with_suffix(".json"))
+    return _row(bench, trial, prediction, recorded_result(log, columns), log_columns(log))
+
+
+def _row(
+    bench: ValidationBench, trial: ValidationTrial, prediction: Prediction, result: Mapping[str, Any], columns: Columns
+) -> Row:
+    signal = feedback_signal(columns, result["nominal_impact_time_s"], _models(bench), DIRECTIONS[trial.motion])
     predicted = [prediction.by_map[which][kind] for which, kind in PREDICTED]
     measured = (
         prediction.planned, *predicted, signal.net, signal.net_over_swing, signal.swing, signal.lowest, signal.complete,
     )  # fmt: skip
-    values = {**asdict(trial), **result.as_dict(), **dict(zip(MEASURED, measured, strict=True))}
-    return [values | {"id": trial.id, "motion": str(trial.motion), "log": f"{LOGS}/{trial.id}.mcap"}]
+    values = {**asdict(trial), **result, **dict(zip(MEASURED, measured, strict=True))}
+    return values | {"id": trial.id, "motion": str(trial.motion), "log": f"{LOGS}/{trial.id}.mcap"}

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stages, Task
 from rtstack.experiments.report import Report
@@ -11,6 +11,9 @@ from rtstack.experiments.store import columns_of
 from rtstack.papers.reference_spreading.comparison_plan import comparison_plan
 from rtstack.papers.reference_spreading.plan import Plan, Trial, load_plan
 from rtstack.trials.errors import TrialError
+
+if TYPE_CHECKING:
+    from rtstack.log.reader import Log
 
 
 class ControllerComparison(Experiment[Plan, Trial]):
@@ -91,9 +94,15 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
     def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
         """Take the rows of trials from their logs, which are the truth."""
-        from rtstack.papers.reference_spreading.worker import adopted
+        from rtstack.experiments.case_log import row_of
+        from rtstack.papers.demonstrations import LOGS
 
-        return adopted(self._bench, cases, self.columns)
+        archive = self._bench.archive
+        logs = archive.names(LOGS)
+        for case in cases:
+            name = f"{case.id}.mcap"
+            if name in logs and (row := row_of(self, case, archive.file(f"{LOGS}/{name}"))):
+                yield row
 
     def tasks(self, cases: Sequence[Trial]) -> Iterable[Task]:
         """Return a task for each trial."""
@@ -108,11 +117,11 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
         return on_arms(self._bench, case, self.specification.conditions[case.conditions])
 
-    def row_of_log(self, case: Trial, log: Path) -> Row | None:
+    def row_of_log(self, case: Trial, log: "Log") -> Row:
         """See Experiment."""
         from rtstack.papers.reference_spreading.worker import row_of_log
 
-        return row_of_log(self._bench, log, case, self.columns)
+        return row_of_log(self._bench, case, log, self.columns)
 
     def tidy(self) -> None:
         """Remove the halves of logs that workers left which were killed."""

@@ -4,20 +4,19 @@ Everything that trials share (cell, references, what is compiled) is kept from o
 killed between log and row, the row is made of the log alone.
 """
 
-import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from rtstack.cells import with_profile
+from rtstack.experiments.case_log import recorded_result
 from rtstack.experiments.experiment import CellRun, Row
-from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
+from rtstack.log.reader import Log
 from rtstack.loop.history import Columns
 from rtstack.papers.conditions import Conditions
-from rtstack.papers.demonstrations import LOGS, RECORDINGS, Bench, Reference, campaign_record
+from rtstack.papers.demonstrations import LOGS, RECORDINGS, Bench, Reference, campaign_record, record_of
 from rtstack.papers.reference_spreading.measures import measure
 from rtstack.papers.reference_spreading.plan import Trial
 from rtstack.samples import LawInertia
@@ -44,7 +43,7 @@ def on_arms(bench: Bench, trial: Trial, conditions: Conditions) -> CellRun:
     specification = replace(specification, reference=str(bench.out / specification.reference))
     return CellRun(
         replace(prepared, specification=specification, criterion=bench.criterion),
-        bench.out / LOGS / f"{trial.id}.mcap", campaign_record(trial, bench.digest), specification.displacement,
+        bench.out / LOGS / f"{trial.id}.mcap", record_of(trial), specification.displacement,
     )  # fmt: skip
 
 
@@ -71,34 +70,6 @@ def _row(bench: Bench, trial: Trial, result: Mapping[str, Any], columns: Columns
     return values | {"id": trial.id, "controller": str(trial.controller), "log": f"{LOGS}/{trial.id}.mcap"}
 
 
-def adopted(bench: Bench, trials: Iterable[Trial], columns: Mapping[str, Any]) -> Iterator[Row]:
-    """Yield the rows of the trials that have a complete log of this campaign."""
-    logs = bench.archive.names(LOGS)
-    for trial in trials:
-        name = f"{trial.id}.mcap"
-        if name in logs and (row := row_of_log(bench, bench.archive.file(f"{LOGS}/{name}"), trial, columns)):
-            yield row
-
-
-def row_of_log(bench: Bench, path: Path, trial: Trial, columns: Mapping[str, Any]) -> Row | None:
-    """Return a trial's row from its log at a path; None where it is not a complete one of this campaign."""
-    try:
-        log = read_log(path)
-    except LogError:
-        return None
-    about, metadata, recorded = (log.metadata.get(name, {}) for name in ("campaign", "trial", "result"))
-    if about.get("id") != trial.id or about.get("digest") != bench.digest or not recorded:
-        return None
-    result = {name: _value(text, columns[name]) for name, text in recorded.items() if name in columns}
-    origin = {"git_commit": metadata.get("git_commit", "unknown"), "digest": bench.digest}
-    return _row(bench, trial, result, log_columns(log)) | origin | {"wall_s": None, "worker": None}
-
-
-def _value(text: str, kind: Any) -> Any:
-    """Return a value of a log's record, where all are texts, as the column of the results has it."""
-    if kind is str:
-        return text
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text  # a reason in words
+def row_of_log(bench: Bench, trial: Trial, log: Log, columns: Mapping[str, Any]) -> Row:
+    """Return a trial's row from its log."""
+    return _row(bench, trial, recorded_result(log, columns), log_columns(log))

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from rtstack.experiments.case_log import case_log
 from rtstack.experiments.experiment import Request
 from rtstack.experiments.registry import plan_file
 from rtstack.log.reader import read_log
@@ -62,9 +63,9 @@ def test_a_hits_log_has_its_ticks_and_says_what_it_was(run, plan, tmp_path):
     assert log.metadata["campaign"]["digest"] == "abc"
     (row,) = run_cases(run, [CASE])
     assert log.metadata["trial"]["seed"] == str(row["seed"])
-    again = row_of_log(run, CASE, path, "abc")
+    again = row_of_log(run, CASE, case_log(path, CASE, "abc"))
     assert {name: again[name] for name in row if name != "cpu_s"} == {k: v for k, v in row.items() if k != "cpu_s"}
-    assert row_of_log(run, CASE, path, "another campaign's") is None
+    assert case_log(path, CASE, "another campaign's") is None
     assert {a.name for a in log.attachments} == {"cell.toml", "fr3.urdf"}
     # the verdict in the loop is the one that the report makes of the ticks
     found = impact.assess(next(iter(run.monitors().values())))

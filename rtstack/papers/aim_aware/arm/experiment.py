@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rtstack.experiments.experiment import SIMULATED, CellRun, Request, Row, Stages
 from rtstack.papers.aim_aware.arm.study import ArmRun, LogFolder, load_arm_run
@@ -10,6 +11,9 @@ from rtstack.papers.aim_aware.experiment import MonitorStudy
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.platform.setup import platform_cell_file, platform_files
 from rtstack.papers.aim_aware.tuned import tuning_file
+
+if TYPE_CHECKING:
+    from rtstack.log.reader import Log
 
 LOGS = "logs"
 
@@ -55,13 +59,13 @@ class PlatformStudy(MonitorStudy[ArmRun]):
         """See Experiment. The platform stands where the plan has it: x 0.51 m, height 0.15 m."""
         from rtstack.papers.aim_aware.arm.worker import on_arms
 
-        return on_arms(self.specification, case, self.request.out / LOGS / f"{case.id}.mcap", self.digest)
+        return on_arms(self.specification, case, self.request.out / LOGS / f"{case.id}.mcap")
 
-    def row_of_log(self, case: Case, log: Path) -> Row | None:
+    def row_of_log(self, case: Case, log: "Log") -> Row:
         """See Experiment."""
         from rtstack.papers.aim_aware.arm.worker import row_of_log
 
-        return row_of_log(self.specification, case, log, self.digest)
+        return row_of_log(self.specification, case, log)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> ArmRun:

@@ -9,8 +9,7 @@ from typing import Any
 from hal.base.configuration import ConfigurationError
 from rtstack.experiments.experiment import CellRun, Row
 from rtstack.experiments.seeds import seed_of
-from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
+from rtstack.log.reader import Log
 from rtstack.loop.end import End
 from rtstack.papers.aim_aware.arm.hits import hit_case, learn, nominal_hits, plan_case, prepare_hit, prior
 from rtstack.papers.aim_aware.arm.study import ArmRun
@@ -20,7 +19,7 @@ from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit, hit_paramete
 from rtstack.papers.aim_aware.platform.plan import HitPlan
 from rtstack.papers.aim_aware.platform.setup import platform_cell_file
 from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
-from rtstack.papers.demonstrations import campaign_record
+from rtstack.papers.demonstrations import campaign_record, record_of
 from rtstack.trials.record import cell_attachments, whole_run_log
 from rtstack.trials.review import log_columns
 
@@ -61,29 +60,21 @@ def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit]:
     return Impact(case, prepared.plan, done.ticks), done
 
 
-def on_arms(run: ArmRun, case: Case, path: Path, digest: str) -> CellRun:
+def on_arms(run: ArmRun, case: Case, path: Path) -> CellRun:
     """Return a hit as a run on a cell's arm, which goes to the start of the plan by itself. path: of its log."""
     setup = f"set the platform to {case.inclination_deg:g} degrees"
-    return CellRun(_prepared(run, case), path, campaign_record(case, digest), None, setup)
+    return CellRun(_prepared(run, case), path, record_of(case), setup=setup)
 
 
-def row_of_log(run: ArmRun, case: Case, path: Path, digest: str) -> Row | None:
-    """Return the row of a hit on arms from its log; None where it is not a complete one of this campaign."""
-    try:
-        log = read_log(path)
-    except LogError:
-        return None
-    about, result = log.metadata.get("campaign", {}), log.metadata.get("result", {})
-    if (about.get("id"), about.get("digest")) != (case.id, digest) or not result:
-        return None
-    prepared, end = _prepared(run, case), End.in_reason(result["failure_reason"])
+def row_of_log(run: ArmRun, case: Case, log: Log) -> Row:
+    """Return the row of a hit from its log."""
+    reason = log.metadata["result"]["failure_reason"]
+    prepared, end = _prepared(run, case), End.in_reason(reason)
     parameters = hit_parameters(prepared.description, prepared.gains, prepared.plan)
     ticks = ticks_of(log_columns(log), prepared.description, parameters, end)
     followed = end is End.COMPLETED or len(ticks) == len(prepared.plan.ante)
-    stopped = "" if followed else result["failure_reason"].removeprefix(f"{end}: ")
-    row = _row(run, Impact(case, prepared.plan, ticks), stopped)
-    git_commit = log.metadata.get("trial", {}).get("git_commit", "unknown")
-    return row | {"cpu_s": None, "wall_s": None, "worker": None, "git_commit": git_commit, "digest": digest}
+    stopped = "" if followed else reason.removeprefix(f"{end}: ")
+    return _row(run, Impact(case, prepared.plan, ticks), stopped) | {"cpu_s": None}
 
 
 def _row(run: ArmRun, impact: Impact[HitPlan], stopped: str) -> Row:
