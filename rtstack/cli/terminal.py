@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -108,8 +108,9 @@ class Terminal:
 
     def put_back(self) -> Cell | None:
         """See CellHost. A simulated robot puts the object back when a client comes."""
-        if self.check().needed:
-            return None
+        return None if self.check().needed else self._opened_again()
+
+    def _opened_again(self) -> Cell:
         self._cell = None
         self._kept.close()
         self._cell = self._kept.enter_context(self.cell(self._run))
@@ -126,13 +127,18 @@ class Terminal:
         self.log_path, self.record = log, record or None
         return carry_out(run, self)
 
-    def recover(self) -> None:
-        """See CellHost."""
+    def recover(self) -> Cell | None:
+        """See CellHost. Arms that were lost are connected to again."""
+        assert self._cell is not None, "no cell is kept"
         try:
-            for arm in self._cell.arms if self._cell is not None else ():
-                arm.recover()
+            with suppress(HardwareError):
+                _recover(self._cell)
+                return None
+            cell = self._opened_again()
+            _recover(cell)
         except HardwareError as error:
             raise TrialError(f"the arms do not recover: {error}") from None
+        return cell
 
     @property
     def stopped(self) -> str:
@@ -198,6 +204,11 @@ class Terminal:
         if self.log_path is None:
             return None
         return run.open_log(self.log_path, self.kind, self.cell_file, cell, self.record)
+
+
+def _recover(cell: Cell) -> None:
+    for arm in cell.arms:
+        arm.recover()
 
 
 def report(result: Result, json: bool, line: str) -> None:

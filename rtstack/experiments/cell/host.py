@@ -57,6 +57,9 @@ class CellHost(Protocol):
         """
         ...
 
-    def recover(self) -> None:
-        """Clear what the arms have latched. Raises TrialError where its cause persists or a person has to act."""
+    def recover(self) -> Cell | None:
+        """Clear what the arms have latched; return the cell where it was opened again, because they were lost.
+
+        Raises TrialError where its cause persists or a person has to act.
+        """
         ...

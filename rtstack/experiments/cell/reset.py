@@ -44,14 +44,14 @@ class Reset:
 
     carry: carries out a run, and notes it as an attempt for a case; wait: waits for a person, tells what is to be done
     for as long as there is something to tell, and notes that for a case. by_arms: whether they place the object;
-    put_back: see CellHost.
+    put_back: see CellHost. cell: set it anew where it was opened again.
     """
 
     def __init__(
         self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True,
         put_back: Callable[[], Cell | None] = lambda: None,
     ) -> None:  # fmt: skip
-        self._cell, self._carry, self._wait, self._by_arms, self._put_back = cell, carry, wait, by_arms, put_back
+        self.cell, self._carry, self._wait, self._by_arms, self._put_back = cell, carry, wait, by_arms, put_back
         self._why = ""  # the arms could not place the object
 
     def go_to_start(self, planned: CellRun, case_id: str) -> None:
@@ -72,7 +72,7 @@ class Reset:
         """
         description, name = planned.run.description, planned.run.specification.object
         if planned.clear:
-            self._wait(lambda: CLEAR if object_is_seen(self._cell, description) else "", Kind.PERSON, case_id)
+            self._wait(lambda: CLEAR if object_is_seen(self.cell, description) else "", Kind.PERSON, case_id)
         if planned.wanted is None:
             return
         self._put_down(description, name, case_id)
@@ -82,7 +82,7 @@ class Reset:
             if placed:
                 return
             if first and by_arms and (cell := self._put_back()) is not None:
-                self._cell, first = cell, False
+                self.cell, first = cell, False
                 self.go_to_start(planned, case_id)
                 continue
             by_arms &= placed is None  # the arms try again once it is seen to stand upright
@@ -90,7 +90,7 @@ class Reset:
                 return
 
     def _put_down(self, description: CellDescription, name: str, case_id: str) -> None:
-        if holds(self._cell, description):
+        if holds(self.cell, description):
             down = PreparedMove(MoveSpecification(HandMotion.PUT_DOWN, name), description)
             if reason := self._carry(down, Kind.PUT_DOWN, case_id).failure_reason:
                 raise ResetAborted(f"{name} could not be put down", reason)
@@ -101,7 +101,7 @@ class Reset:
         """
         specification = PlacementSpecification(name, 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg)
         try:
-            stands = object_stands(self._cell, description, name)
+            stands = object_stands(self.cell, description, name)
         except TrialError:
             return None
         if _near(difference(stands, wanted)):
@@ -146,7 +146,7 @@ class Reset:
     def _deviation(self, description: CellDescription, name: str, wanted: Displacement) -> tuple[str, bool]:
         """Return in one line what a person has to do, "" for nothing, and whether the object stands upright."""
         try:
-            stands = object_stands(self._cell, description, name)
+            stands = object_stands(self.cell, description, name)
         except TrialError as error:
             return str(error), False
         if _near(difference(stands, wanted)):

@@ -161,7 +161,7 @@ class CellRunner(Runner):
             self._wait(lambda: self.host.paused, Kind.PERSON, name)
             if self._latched:
                 self._latched = False
-                self.host.recover()
+                reset.cell = self.host.recover() or reset.cell
             if planned.setup != self._setup:
                 self._setup = planned.setup
                 self.host.ask(planned.setup)
