@@ -5,6 +5,7 @@ import json
 import signal
 import socket
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +14,10 @@ import numpy as np
 import pytest
 
 from hal.displacement import Displacement
+from hal.errors import ConnectionLost
 from hal.tracker import ObjectPose
 from rtstack.cells import default_cell_file
+from rtstack.cli.terminal import Terminal
 from rtstack.experiments import attempts
 from rtstack.experiments.attempts import Attempt, Kind, aborted
 from rtstack.experiments.cell.reset import Reset, instruction
@@ -343,3 +346,31 @@ def test_a_pause_comes_before_a_run_that_brings_the_object(tmp_path):
     runner._schedule = CellSchedule()
     runner._carry_out(None, Kind.PLACEMENT, "a case")
     assert done == ["asked"] * 3 + [Kind.PERSON, "carried out", Kind.PLACEMENT]
+
+
+def test_arms_that_were_lost_are_connected_to_again(monkeypatch):
+    """What they have latched meanwhile is cleared; arms that answer are not opened again."""
+    recovered, opened = [], []
+
+    class Arm:
+        def __init__(self, name, lost=False):
+            self.name, self.lost = name, lost
+
+        def recover(self):
+            if self.lost:
+                raise ConnectionLost("the left arm was lost; open it again")
+            recovered.append(self.name)
+
+    @contextmanager
+    def cell(self, run):
+        opened.append(run)
+        yield SimpleNamespace(arms=[Arm("new left"), Arm("new right")])
+
+    monkeypatch.setattr(Terminal, "cell", cell)
+    host = Terminal("fci:a,b", load_cell_description(default_cell_file()), default_cell_file(), "a campaign")
+    with host.kept_cell("a run"):
+        assert host.recover() is None
+        host._cell = SimpleNamespace(arms=[Arm("left"), Arm("right", lost=True)])
+        assert host.recover() is host._cell
+    assert opened == ["a run", "a run"]
+    assert recovered == ["new left", "new right", "left", "new left", "new right"]
