@@ -173,7 +173,8 @@ class CellRunner(Runner):
                     return self._carry_out(planned.run, kind, name, control, log, planned.record)
             except ResetAborted as error:
                 self._at_start = False
-                if not _mends(error.reason) or attempt >= self._schedule.attempts:
+                stopped = End.in_reason(error.reason) is End.SAFETY  # the person, if any, has looked
+                if not (stopped or _mends(error.reason)) or attempt >= self._schedule.attempts:
                     raise
             except WayRefused:  # nothing has moved
                 if self.host.sets_object or not self._at_start or attempt >= self._schedule.attempts:
