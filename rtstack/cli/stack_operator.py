@@ -50,7 +50,7 @@ class StackOperator:
         with self._asking(), closing(RobotClient(socket)) as client:
             status = client.status()
         self.kind, self.cell_file = status.kind, Path(status.cell_file)
-        self._simulated, self._logs = status.simulated, Path(status.logs)
+        self.has_person, self._logs = not status.simulated, Path(status.logs)
         if not out.is_relative_to(self._logs):
             raise TrialError(f"--out {out}: the stack writes all logs into {self._logs}; give a folder in it")
         self._description = described_as(self.cell_file, self.kind)
@@ -84,8 +84,8 @@ class StackOperator:
         return f"{reason}: press Go on on the page Campaigns" if reason else ""
 
     def look(self, reason: str) -> None:
-        """See CellHost. A person looks at real arms alone."""
-        if not self._simulated:
+        """See CellHost."""
+        if self.has_person:
             self._write_pause(reason)
 
     def ask(self, what: str) -> None:

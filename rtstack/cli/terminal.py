@@ -108,7 +108,7 @@ class Terminal:
 
     def put_back(self) -> Cell | None:
         """See CellHost. A simulated robot puts the object back when a client comes."""
-        return None if self.check().needed else self._opened_again()
+        return None if self.has_person else self._opened_again()
 
     def _opened_again(self) -> Cell:
         self._cell = None
@@ -141,6 +141,11 @@ class Terminal:
         return cell
 
     @property
+    def has_person(self) -> bool:
+        """See CellHost."""
+        return self.check().needed
+
+    @property
     def stopped(self) -> str:
         """See CellHost."""
         stop = None if self._context is None else self._context.stop
@@ -152,13 +157,13 @@ class Terminal:
         return self._paused
 
     def look(self, reason: str) -> None:
-        """See CellHost. A person watches real arms alone."""
-        if self.check().needed:
+        """See CellHost."""
+        if self.has_person:
             self._paused = f"{reason}: look at the cell, then press p to go on"
 
     def ask(self, what: str) -> None:
-        """See CellHost. No person watches simulated arms."""
-        if not self.check().needed:
+        """See CellHost."""
+        if not self.has_person:
             raise TrialError(f"{what}: simulated arms have no person who does; --cell lockstep does it by itself")
         self._paused = f"{what}, then press p"
 

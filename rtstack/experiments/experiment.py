@@ -144,7 +144,7 @@ class Experiment(ABC, Generic[S, C]):
     options: ClassVar[frozenset[str]] = frozenset()
     unit: ClassVar[str] = "trials"  # what the cases are called, in the plural
     made: ClassVar[tuple[str, ...]] = ()  # folders of what the stages make, in that of the campaign
-    setup: ClassVar[str] = ""  # of a CellRun: how the cell is set up when a campaign begins
+    setup: ClassVar[str] = ""  # of a CellRun: how a simulated cell is set up when a campaign begins
     on_stack: ClassVar[bool] = True  # whether a stack's robot process can carry out the runs, too
 
     def __init__(

@@ -18,6 +18,11 @@ class CellHost(Protocol):
     sets_object: bool
 
     @property
+    def has_person(self) -> bool:
+        """Whether a person watches: not simulated arms."""
+        ...
+
+    @property
     def stopped(self) -> str:
         """Why no further run may begin, "" where one may: a person has asked for a stop, or has taken over."""
         ...

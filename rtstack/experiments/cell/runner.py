@@ -41,7 +41,7 @@ class CellRunner(Runner):
         self._failures: list[str] = []  # of the cases in a row that have failed until now
         self._began_s = self._work_s = 0.0
         self._latched = False  # the arms may have latched an error in the last run
-        self._setup = self._experiment.setup
+        self._setup = "" if host.has_person else self._experiment.setup  # a person is asked once more on --resume
         self._at_start = False  # the arms stand where a run or a placement of ours has left them
         self._held = ExitStack()
         self._reset: Reset | None = None
