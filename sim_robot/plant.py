@@ -21,6 +21,8 @@ from sim_robot.scene import ArmPlacement, PlacementScatter, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
 EDGE_RAD = 2e-3
+# far from everything that collides, beyond what motion capture could see: m along the world's x
+AWAY_M = 10.0
 
 
 class SimulationDiverged(HardwareError):
@@ -105,6 +107,7 @@ class Plant:
         self.model = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms), stiffness)
         self.data = mujoco.MjData(self.model)
         self.ticks = 0  # ms since the start
+        self.away = self.gone = False  # the object is off the table, for now or for good
         # what is on the flanges, and where in it an arm is pushed: the middle of its face
         hands = [(side, place.hand is not None) for side, place in zip(scene.sides, scene.arms, strict=True)]
         self.pad_bodies = self._bodies(f"{side}_{'hand' if hand else 'pad'}" for side, hand in hands)
@@ -178,6 +181,9 @@ class Plant:
         """Advance by 1 ms. Raises SimulationDiverged."""
         if self._pushed:
             self._apply_pushes()
+        if self.away:
+            position, velocity = self.data.qpos[self.first_of_object :], self.data.qvel[self.first_of_object :]
+            position[:3], velocity[:] = (AWAY_M, 0.0, 0.0), 0.0
         self.ticks += 1
         if not self._advance_millisecond():
             raise SimulationDiverged(
@@ -233,19 +239,30 @@ class Plant:
         self._pushed = any(push.any() for push in self._pushes)
 
     def put_object_back(self) -> bool:
-        """Put the object where it began, at rest, unless a pad is in the way. Returns whether it is there now."""
+        """Put the object where it began, at rest. Returns whether it is there now: where a pad is in the way, it is
+        taken off the table meanwhile, unless a pad touches it.
+        """
+        if self.gone:
+            return True
         data, first = self.data, self.first_of_object
         self.look_at_all()
         was = data.qpos[first:].copy(), data.qvel[first:].copy()
+        held = self._pad_touches_object()
         data.qpos[first:], data.qvel[first:] = self._object_place, 0.0
+        if not self._pad_touches_object():
+            self.away = False
+            return True
+        self.away = not held
+        data.qpos[first:], data.qvel[first:] = was
         mujoco.mj_forward(self.model, data)
-        pairs = self.model.geom_bodyid[data.contact.geom]
+        return False
+
+    def _pad_touches_object(self) -> bool:
+        mujoco.mj_forward(self.model, self.data)
+        pairs = self.model.geom_bodyid[self.data.contact.geom]
         ends = (*self.pad_bodies, *chain.from_iterable(self.finger_bodies))
         touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, ends).any(axis=1)
-        if touched.any():
-            data.qpos[first:], data.qvel[first:] = was
-            mujoco.mj_forward(self.model, data)
-        return not touched.any()
+        return bool(touched.any())
 
     def object_pose(self) -> tuple[Array, Array]:
         """Return the object's centre in the world (3,) m and its quaternion wxyz (4,), copied."""

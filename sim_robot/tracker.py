@@ -59,7 +59,7 @@ class SimulatedTracker:
 
     def update(self) -> None:
         """Look at the object when a frame is due. The cell calls it once a millisecond."""
-        if self._plant.ticks % self._every_ms:
+        if self._plant.ticks % self._every_ms or self._plant.away:
             return
         if self._next == BLOCK:
             self._generator.standard_normal(out=self._draws)

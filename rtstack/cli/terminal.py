@@ -1,6 +1,7 @@
 """A command at a terminal as the host of runs (rtstack.trials.carry_out): a cell of its own, a person, Ctrl-C."""
 
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,8 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
+
+_PUT_BACK_S = 1.5  # a simulated robot that has had no client for a second puts its object back
 
 
 @dataclass(slots=True)
@@ -108,11 +111,12 @@ class Terminal:
 
     def put_back(self) -> Cell | None:
         """See CellHost. A simulated robot puts the object back when a client comes."""
-        return None if self.has_person else self._opened_again()
+        return None if self.has_person else self._opened_again(_PUT_BACK_S)
 
-    def _opened_again(self) -> Cell:
+    def _opened_again(self, after_s: float = 0.0) -> Cell:
         self._cell = None
         self._kept.close()
+        time.sleep(after_s)
         self._cell = self._kept.enter_context(self.cell(self._run))
         return self._cell
 

@@ -29,6 +29,7 @@ from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import ControllerRequest, Parameters, arm_controllers, cell_parameters
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
+from rtstack.trials.placement import blocks_start
 from rtstack.trials.result import GuideResult, MoveResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
@@ -70,6 +71,8 @@ class PreparedMove(PreparedRun[MoveResult]):
                 raise TrialError("nothing is held between the pads: there is nothing to put down")
             case HandMotion.START if held:
                 raise TrialError("the pads hold something: put it down first")
+            case HandMotion.START if blocked := blocks_start(cell, self.description, self.specification.object):
+                raise TrialError(blocked)
             case HandMotion.OPEN if self.let_fall and not held:
                 raise TrialError("nothing is held between the pads")
             case HandMotion.OPEN if held and not self.let_fall and (above is None or above > ON_TABLE_M):

@@ -27,7 +27,7 @@ from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import PlacementSpecification, like
-from rtstack.trials.start_motion import StartMotion, object_before, start_motion
+from rtstack.trials.start_motion import StartMotion, blocked_start, object_before, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
 NEAR_MM, NEAR_DEG = 5.0, 2.0  # an object that stands nearer is where it is wanted: a person with a ruler does no better
@@ -138,6 +138,13 @@ def object_is_seen(cell: Cell, description: CellDescription) -> bool:
     """Return whether the tracker sees an object now. Raises HardwareError."""
     pose = object_before(cell, description)
     return bool(pose.record["seen"][0]) and _age_s(cell, pose) <= LOST_S
+
+
+def blocks_start(cell: Cell, description: CellDescription, name: str) -> str:
+    """Return in one line that the object stands where a pad starts; "" where it does not, or is not seen."""
+    if name not in description.objects or not object_is_seen(cell, description):
+        return ""
+    return blocked_start(description, name, object_before(cell, description))
 
 
 def _age_s(cell: Cell, pose: ObjectPose) -> float:

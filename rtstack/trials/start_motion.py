@@ -7,6 +7,7 @@ each other. Elbows are not looked at: the arms are far apart, and the robot's ow
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import atan2
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,6 +190,17 @@ def _look_along(
                 raise _refusal(side, "the object")
         if len(boxes) == 2 and _near(boxes[0], boxes[1], CLEAR_OF_EACH_OTHER_M):
             raise _refusal("left", "the right one")
+
+
+def blocked_start(description: CellDescription, name: str, pose: ObjectPose) -> str:
+    """Return in one line that an object stands where a pad starts; "" where it does not."""
+    arms, thing = arm_controllers(description, cell_parameters(description)), description.objects[name]
+    w, _, _, z = pose.orientation_wxyz.tolist()
+    box = _box(pose.position, 2.0 * atan2(z, w), thing)
+    for side, arm, q, pad in zip(description.sides, arms, description.home, description.pads, strict=True):
+        if _near(_pad_box(arm, q, pad.size), box, CLEAR_OF_OBJECT_M):
+            return f"{name} stands where the {side} pad starts: take it away"
+    return ""
 
 
 def _near(a: Array, b: Array, clear_m: float) -> bool:

@@ -44,7 +44,7 @@ class FaultyTracker:
             return
         self._frame_t_ns = new.t_ns
         effects = self._faults.schedule.effects
-        if self._faults.plant.object_lost or effects(TrackerLost, 0):
+        if effects(TrackerLost, 0):
             return
         if effects(TrackerFrozen, 0) and self._seen.record["seen"][0]:
             self._seen.record["t_ns"] = new.record["t_ns"]
@@ -76,7 +76,6 @@ class Injection:
         moving = any(box.mode == RobotMode.MOVE for box in self._boxes)
         if self.schedule.begin_millisecond(moving, contact):
             self.plant.change()
-        self.plant.begin_millisecond()
 
     def pass_still_millisecond(self) -> None:
         """Let 1 ms pass for a plant that stands still, as between two motions in lockstep."""

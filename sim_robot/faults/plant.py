@@ -10,16 +10,13 @@ from sim_robot.faults.kinds import FrictionChange, JointPush, ObjectLost, Object
 from sim_robot.faults.schedule import Schedule
 from sim_robot.plant import Plant
 
-# far from everything that collides, beyond what motion capture could see: m along the world's x
-AWAY_M = 10.0
-
 
 class PlantFaults:
     """Carries out what a schedule says about a plant. While one pushes an arm, nothing else can."""
 
     def __init__(self, plant: Plant, schedule: Schedule, empty: bool = False) -> None:
         """empty: the object was never there."""
-        self._plant, self._schedule, self._empty = plant, schedule, empty
+        self._plant, self._schedule = plant, schedule
         model = plant.model
         ends = [fingers or (pad,) for fingers, pad in zip(plant.finger_bodies, plant.pad_bodies, strict=True)]
         # each arm's geoms that hold an object: a pad, or a hand's two fingers
@@ -31,7 +28,8 @@ class PlantFaults:
         self._joints = plant.joints.copy()
         self._pushed = [False] * len(ends)
         self._biases = np.zeros((len(ends), JOINTS))
-        self._biased, self.object_lost = False, empty
+        self._biased = False
+        plant.away = plant.gone = empty
         self._true = {name: plant.motors[name].copy() for name in ("tau_J", "tau_ext")}
 
     def pad_touches_object(self) -> bool:
@@ -69,14 +67,8 @@ class PlantFaults:
             mass * self._inertia,
         )
         self._biased = bool(self._biases.any())
-        self.object_lost = self._empty or bool(effects(ObjectLost, 0))
-
-    def begin_millisecond(self) -> None:
-        """Keep the object away for the next ms of the plant."""
-        if self.object_lost:
-            data, first = self._plant.data, self._plant.first_of_object
-            position, velocity = data.qpos[first:], data.qvel[first:]
-            position[:3], velocity[:] = (AWAY_M, 0.0, 0.0), 0.0
+        if effects(ObjectLost, 0):
+            plant.away = plant.gone = True
 
     def mislead_sensors(self) -> None:
         """Let the sensors measure the biased torques, until `enlighten_sensors`."""

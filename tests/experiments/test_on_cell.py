@@ -301,13 +301,19 @@ def test_nothing_runs_until_the_table_is_clear_where_it_has_to_be():
     assert told[0].startswith("take the object off the table")
 
 
-def test_a_simulated_robot_puts_back_what_the_arms_cannot_reach():
-    """Once: what then is not in its place, a person has to mend."""
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm", "kinds"),
+    [
+        (240.0, 0.0, [Kind.PLACEMENT, Kind.START]),
+        (0.0, -260.0, [Kind.START]),  # where a push leaves it, and the right arm starts: no arm moves before
+    ],
+)
+def test_a_simulated_robot_puts_back_what_the_arms_cannot_reach(x_mm, y_mm, kinds):
     description = load_cell_description(default_cell_file())
     trackers = [Seen(description, "parcel"), Seen(description, "parcel")]
     cells = [replace(simulated_cell("parcel", 0.0, 0).as_cell("direct"), tracker=each) for each in trackers]
     now_ns = int(cells[0].arms[0].read().record["t_ns"][0])
-    trackers[0].put(0.0, -260.0, now_ns)  # where a push leaves it
+    trackers[0].put(x_mm, y_mm, now_ns)
     trackers[1].put(0.0, 0.0, now_ns)
     carried = []
 
@@ -318,9 +324,13 @@ def test_a_simulated_robot_puts_back_what_the_arms_cannot_reach():
         return SimpleNamespace(failure_reason=None)
 
     run = PreparedRun(TrialSpecification("reference.mcap", object="parcel"), description)
-    reset = Reset(cells[0], carry, lambda *said: pytest.fail("a person is asked"), True, lambda: cells[1])
+
+    def wait(said, kind, case_id):
+        assert not said()
+
+    reset = Reset(cells[0], carry, wait, True, lambda: cells[1])
     reset.set_in_place(CellRun(run, Path("log.mcap"), {}, Displacement()), "a case")
-    assert carried == [Kind.PLACEMENT, Kind.START]
+    assert carried == kinds
 
 
 def test_a_pause_comes_before_a_run_that_brings_the_object(tmp_path):

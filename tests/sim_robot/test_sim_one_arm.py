@@ -1,6 +1,7 @@
 """A cell with one arm: it is simulated like an arm of two, and nothing of the other one is there."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,19 +96,41 @@ def test_an_arm_alone_moves_as_it_does_beside_another_one(side: str) -> None:
     assert np.abs(alone.data.qpos[:7] - home).max() > 0.1
 
 
+def _turned(plant: Plant, home: Sequence[float], begin: float, end: float) -> None:
+    """Turn joint 1 of the only arm from one angle to another, rad from home, in 0.6 s."""
+    for ms in range(600):
+        plant.track(0, np.array(home) + np.eye(7)[0] * (begin + (end - begin) * ms / 600), REST)
+        plant.advance()
+
+
 @one_side
 def test_one_arm_pushes_the_object(side: str) -> None:
     outwards = 1.0 if side == "left" else -1.0
     scene = SCENE.only((side,))
     plant = Plant.nominal(scene, PARAMETERS, "rice_box", 0.185 * outwards)
     start = plant.object_pose()[0]
-    for ms in range(600):
-        plant.track(0, np.array(scene.arms[0].home) - outwards * np.eye(7)[0] * 0.15 * ms / 600, REST)
-        plant.advance()
+    _turned(plant, scene.arms[0].home, 0.0, -0.15 * outwards)
     assert f"{side}_pad" in contacts(plant)
     assert outwards * (plant.object_pose()[0] - start)[1] < -0.02
     assert np.abs(plant.motors["tau_ext"]).max() > 0.5
-    assert not plant.put_object_back()  # the pad stands in its place
+    assert not plant.put_object_back()  # the pad stands in its place, and touches it
+    assert not plant.away
+
+
+@one_side
+def test_an_object_in_whose_place_a_pad_stands_is_off_the_table_meanwhile(side: str) -> None:
+    outwards = 1.0 if side == "left" else -1.0
+    scene = SCENE.only((side,))
+    plant = Plant.nominal(scene, PARAMETERS, "rice_box", 0.185 * outwards)
+    start = plant.object_pose()[0]
+    plant.data.qpos[plant.first_of_object + 1] -= 0.35 * outwards  # where a push has left it
+    _turned(plant, scene.arms[0].home, 0.0, -0.15 * outwards)
+    assert not plant.put_object_back()
+    _turned(plant, scene.arms[0].home, -0.15 * outwards, 0.0)
+    assert plant.object_pose()[0][0] > 5.0
+    assert plant.put_object_back()
+    plant.advance()
+    assert plant.object_pose()[0] == pytest.approx(start, abs=1e-3)
 
 
 @one_side

@@ -38,6 +38,26 @@ def asked(motion, description, cell, context=None):
     return prepared.run(cell, context or RunContext())
 
 
+@pytest.mark.parametrize(
+    ("y_m", "said"), [(0.0, ""), (-0.27, "rice_box stands where the right pad starts: take it away")]
+)
+def test_an_object_where_a_pad_starts_is_a_line_before_anything_moves(simulated, monkeypatch, y_m, said):
+    """Where a push leaves it: on the way home the right arm would press on it from above."""
+    _, cell, description = simulated
+    asked(HandMotion.PUT_DOWN, description, cell)
+    asked(HandMotion.OPEN, description, cell)
+    pose = cell.tracker.latest()
+    pose.record["position"][0] = (0.0, y_m, description.table.top_z + description.objects[OBJECT].size[2] / 2.0)
+    pose.record["orientation_wxyz"][0] = (1.0, 0.0, 0.0, 0.0)
+    monkeypatch.setattr(type(cell.tracker), "latest", lambda tracker: pose)
+    prepared = PreparedMove(MoveSpecification(HandMotion.START, OBJECT), description)
+    if not said:
+        prepared.look(cell)
+        return
+    with pytest.raises(TrialError, match=said):
+        prepared.look(cell)
+
+
 def height(plant, description):
     """How far the object's lower face is above the table, m."""
     place, _ = plant.plant.object_pose()

@@ -15,6 +15,7 @@ from rtstack.trials.move import PreparedMove, holds
 from rtstack.trials.placement import (
     NEAR_DEG,
     NEAR_MM,
+    blocks_start,
     difference,
     object_is_seen,
     object_stands,
@@ -61,6 +62,9 @@ class Reset:
         """
         description, name = planned.run.description, planned.run.specification.object
         self._put_down(description, name, case_id)
+        if blocks_start(self.cell, description, name):
+            self.cell = self._put_back() or self.cell
+            self._wait(lambda: blocks_start(self.cell, description, name), Kind.PERSON, case_id)
         start = PreparedMove(MoveSpecification(HandMotion.START, name), description)
         if reason := self._carry(start, Kind.START, case_id).failure_reason:
             raise ResetAborted("the arms do not reach the start", reason)
@@ -75,6 +79,8 @@ class Reset:
             self._wait(lambda: CLEAR if object_is_seen(self.cell, description) else "", Kind.PERSON, case_id)
         if planned.wanted is None:
             return
+        if blocks_start(self.cell, description, name):
+            self.go_to_start(planned, case_id)
         self._put_down(description, name, case_id)
         by_arms, first = self._by_arms, True
         while True:
