@@ -25,9 +25,9 @@ from hal.fci.arm import FciArm
 from hal.fci.cycle_times import CycleTimes
 from hal.fci.hold import HoldThread
 from hal.fci.peeked_state import PeekedState
-from hal.fci.setup import Tool
 from hal.joint_path import JointPath, JointSpeed
 from hal.limits import CONTROL_PERIOD_S, CollisionBehaviour
+from hal.pad import Pad
 from hal.state import RobotMode
 
 # A robot without commands stops itself after 20 ms; five times that without a state is no hiccup of a network any more.
@@ -318,7 +318,7 @@ class FciPair:
 def open_pair(
     left_address: str | None,
     right_address: str | None,
-    tools: tuple[Tool | None, Tool | None] = (None, None),
+    tools: tuple[Pad | None, Pad | None] = (None, None),
     collisions: CollisionBehaviour | None = None,
     *,
     shared_clock: bool = False,
