@@ -102,7 +102,7 @@ def playback(order: PlaybackOrder, session: NeedsSession, parts: NeedsParts) -> 
 def limit(log_id: str, parts: NeedsParts) -> PlaybackLimit:
     """Say how fast a log may be played on the arms. The first answers have neither: it is being computed."""
     question = parts.questions.ask("fastest", listed(parts.catalogue, log_id, _NO_LOG).path)
-    if not question.done:
+    if not question.done():
         return PlaybackLimit(None, None)
     try:
         return PlaybackLimit(question.answer(), None)
