@@ -262,10 +262,10 @@ def written(tmp_path: Path, table: str) -> Path:
 @pytest.mark.parametrize(
     ("table", "complaint"),
     [
-        ("max_speed = 0.0", "key left.hand: max_speed must be positive, got 0.0"),
+        ("max_speed = 0.0", "key left.hand.max_speed: Input should be greater than 0"),
         ("start_width = 0.09", "start_width must not exceed max_width, 0.08, got 0.09"),
         ("strength = 3.0", "hand.strength: Unexpected keyword"),
-        ("inertia = [0.0, 1.0, 1.0]", "inertia must be positive"),
+        ("inertia = [0.0, 1.0, 1.0]", "hand.inertia.0: Input should be greater than 0"),
     ],
 )
 def test_a_hand_that_is_none_is_refused_by_its_key(tmp_path: Path, table: str, complaint: str) -> None:

@@ -41,10 +41,10 @@ def changed(tmp_path: Path, text: str, old: str, new: str) -> Path:
         ("top_z = 0.2", 'top_z = "high"', "key table.top_z: Input should be a valid number"),
         ("top_z = 0.2", "top_z = true", "top_z: Input should be a valid number"),
         ("top_z = 0.2", "top_z = nan", "top_z: Input should be a finite number"),
-        ("top_z = 0.2", "top_z = -0.2", "top_z must be positive"),
+        ("top_z = 0.2", "top_z = -0.2", "key table.top_z: Input should be greater than 0"),
         ("size = [0.1, 0.1, 0.03]", "size = [0.1, 0.1]", "size.2: Field required"),
-        ("mass = 1.25", "mass = 0", "key objects.rice_box: mass must be positive"),
-        ("impedance = 0.1", "impedance = 1.0", "impedance must be within"),
+        ("mass = 1.25", "mass = 0", "key objects.rice_box.mass: Input should be greater than 0"),
+        ("impedance = 0.1", "impedance = 1.0", "contact.impedance: Input should be less than or equal to 0.9999"),
         ("wxyz = [1.0", "wxyz = [1.1", "unit quaternion"),
         ('name = "grab"', "name = ", "not valid TOML"),
     ],
@@ -57,7 +57,7 @@ def test_a_bad_scene_names_what_is_wrong(tmp_path: Path, old: str, new: str, mes
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("q_noise = 2e-6", "q_noise = -1", "q_noise must not be negative"),
+        ("q_noise = 2e-6", "q_noise = -1", "sensors.q_noise: Input should be greater than or equal to 0"),
         ("rate_hz = 250.0", "rate_hz = 300.0", "rate_hz must divide 1000"),
         (
             "communication_timeout_ms = 20",
