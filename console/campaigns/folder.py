@@ -54,11 +54,9 @@ class CampaignFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.id = hidden(path.name)
-
-    @property
-    def said(self) -> Path:
-        """What the campaign has said."""
-        return self.path.with_name(f"{self.path.name}.txt")
+        self.said = path.with_name(f"{path.name}.txt")  # what the campaign has said
+        self.pause = path / PAUSE  # pauses a campaign on arms between two runs, while it is there; it says why
+        self._note = path.with_name(f"{path.name}.json")
 
     @property
     def begun(self) -> bool:
@@ -70,11 +68,6 @@ class CampaignFolder:
         """The report, None before it was written."""
         page = self.path / PAGE
         return page if page.is_file() else None
-
-    @property
-    def pause(self) -> Path:
-        """The file that pauses a campaign on arms between two runs, for as long as it is there; it says why."""
-        return self.path / PAUSE
 
     def keep(self, asked: Asked) -> None:
         """Note what was asked for."""
@@ -140,10 +133,6 @@ class CampaignFolder:
             return [{"conditions": part["name"], **claim} for part in parts for claim in part["claims"]]
         except (OSError, ValueError, KeyError):
             return []
-
-    @property
-    def _note(self) -> Path:
-        return self.path.with_name(f"{self.path.name}.json")
 
     @contextmanager
     def _database(self) -> Iterator[sqlite3.Connection | None]:
