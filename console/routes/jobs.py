@@ -74,9 +74,7 @@ def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status
     return status
 
 
-@router.post(
-    "/jobs/preview", status_code=202, responses=problems(404), dependencies=[takes_two_arms("a trial of a grab")]
-)
+@router.post("/jobs/preview", status_code=202, responses=problems(404), dependencies=[_TWO_ARMS])
 def begin_preview(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> PreviewView:
     """Simulate a trial, and show it in the scene as a ghost. No arm moves, and no control is needed."""
     status = parts.watch.view.status
