@@ -98,7 +98,7 @@ class SimulatedArm:
 
     def _refuse(self) -> NoReturn:
         if self._box.mode == RobotMode.REFLEX:
-            names = self._box.error_names
+            names = error_names(self._box.errors)
             raise CommandRejected(f"{self._name} in reflex: {', '.join(names)}; recover it first", names)
         if self._box.mode == RobotMode.USER_STOPPED:
             raise CommandRejected(f"{self._name}: user stop pressed; release the activation device first")

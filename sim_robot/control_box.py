@@ -3,7 +3,6 @@
 import numpy as np
 
 from hal.base.arrays import Array
-from hal.robot_errors import error_names
 from hal.state import RobotMode
 from sim_robot import reflexes
 from sim_robot.plant import Plant
@@ -19,7 +18,7 @@ class ControlBox:
 
     def __init__(self, plant: Plant, side: int, tolerances: ReflexParameters) -> None:
         self.mode = RobotMode.IDLE
-        self.errors = 0
+        self.errors = 0  # the mask of those that are latched
         self._plant, self._side, self._tolerances = plant, side, tolerances
         self._tau = np.zeros(7)  # the last torque taken, zero before the first one
         self._waiting = False  # a torque that the plant has not felt yet
@@ -27,11 +26,6 @@ class ControlBox:
         self._lost = 0
         self._arrived = _ALL_ARRIVED
         self._judge = reflexes.judge_of_commands(self._tau, plant.robots[side].limits)
-
-    @property
-    def error_names(self) -> tuple[str, ...]:
-        """The vendor's names of the latched errors."""
-        return error_names(self.errors)
 
     @property
     def success_rate(self) -> float:

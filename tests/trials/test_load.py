@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.robot_errors import error_bit
+from hal.robot_errors import error_bit, error_names
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, LoadPolicy
@@ -123,7 +123,7 @@ def test_after_a_lost_process_the_robots_hold_it(cell, demonstration):
         plant.next_state()
     assert before > 0.1
     assert height(plant, cell) == pytest.approx(before, abs=0.02)
-    assert {name for box in plant.boxes for name in box.error_names} == {"communication_constraints_violation"}
+    assert {name for box in plant.boxes for name in error_names(box.errors)} == {"communication_constraints_violation"}
 
 
 # a value that is no number, for one tick: the judge stops
