@@ -246,8 +246,3 @@ class Plant:
             data.qpos[first:], data.qvel[first:] = was
             mujoco.mj_forward(self.model, data)
         return not touched.any()
-
-    def object_pose(self) -> tuple[Array, Array]:
-        """Return the object's centre in the world (3,) m and its quaternion wxyz (4,), copied."""
-        pose = self.data.qpos[self.first_of_object :]
-        return pose[:3].copy(), pose[3:].copy()

@@ -19,6 +19,7 @@ from sim_robot.profile import load_profile
 from sim_robot.scene import SIDES, load_scene
 from tests.support.built_cell import profile
 from tests.support.fci.server import addresses
+from tests.support.plant_object import object_pose
 
 SCENES = Path(__file__).parents[2] / "sim_robot" / "scenes"
 PARAMETERS = load_plant_parameters()
@@ -100,12 +101,12 @@ def test_one_arm_pushes_the_object(side: str) -> None:
     outwards = 1.0 if side == "left" else -1.0
     scene = SCENE.only((side,))
     plant = Plant.nominal(scene, PARAMETERS, "rice_box", 0.185 * outwards)
-    start = plant.object_pose()[0]
+    start = object_pose(plant)[0]
     for ms in range(600):
         plant.track(0, np.array(scene.arms[0].home) - outwards * np.eye(7)[0] * 0.15 * ms / 600, REST)
         plant.advance()
     assert f"{side}_pad" in contacts(plant)
-    assert outwards * (plant.object_pose()[0] - start)[1] < -0.02
+    assert outwards * (object_pose(plant)[0] - start)[1] < -0.02
     assert np.abs(plant.motors["tau_ext"]).max() > 0.5
     assert not plant.put_object_back()  # the pad stands in its place
 
@@ -121,7 +122,7 @@ def test_beside_a_missing_arm_the_edge_of_the_table_is_the_limit(side: str) -> N
     empty = simulated_cell("none", 0.0, 0, sides=(side,))
     for _ in range(20):
         empty.arms[0].read()
-    assert empty.plant.object_pose()[0][0] > 5.0
+    assert object_pose(empty.plant)[0][0] > 5.0
     assert not empty.tracker.latest().record["seen"][0]
 
 

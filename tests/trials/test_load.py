@@ -15,6 +15,7 @@ from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import faults_in
+from tests.support.plant_object import object_pose
 
 OBJECT = "rice_box"
 CARRIED_TICKS = 3300  # of the shared demonstration: the object is in the air
@@ -35,7 +36,7 @@ class Act:
 
 def height(plant: SimulatedCell, cell: CellDescription) -> float:
     """How far the object's lower face is above the table, m."""
-    place, _ = plant.plant.object_pose()
+    place, _ = object_pose(plant.plant)
     return place[2] - cell.objects[OBJECT].size[2] / 2.0 - cell.table.top_z
 
 
