@@ -160,7 +160,7 @@ class SimulatedCell:
         if self.clock is not None:
             self.clock.wait()
         for box in self.boxes:
-            box.begin_millisecond(on_time=True)
+            box.begin_millisecond()
         if self.faults is not None:
             self.faults.begin_millisecond()
         self.plant.advance()

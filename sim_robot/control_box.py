@@ -52,9 +52,9 @@ class ControlBox:
         else:
             self._waiting = True
 
-    def begin_millisecond(self, on_time: bool) -> None:
-        """Hand the waiting torque to the plant if it came on time; otherwise the last one stays."""
-        if self._waiting and on_time:
+    def begin_millisecond(self) -> None:
+        """Hand the torque that waits to the plant; where none has come, the last one stays."""
+        if self._waiting:
             if self.mode is not _MOVE:
                 self.mode, self._arrived = _MOVE, _ALL_ARRIVED
             self._waiting, self._lost, self._felt = False, 0, True
