@@ -159,9 +159,6 @@ class FciPair:
         except BaseException:
             next(iter(self.arms.values())).stop()
             raise
-        self._hear_all()
-
-    def _hear_all(self) -> None:
         self._silent_s = dict.fromkeys(self.arms, 0.0)
 
     def set_collisions(self, *arms: CollisionBehaviour) -> None:
@@ -176,7 +173,7 @@ class FciPair:
         stay on the way. They begin where the robot wants them to be (q_d), which differs from where they are by the sag
         of its controller. Raises CommandRejected and ConnectionLost; then no arm moves any more.
         """
-        self._hear_all()
+        self._silent_s = dict.fromkeys(self.arms, 0.0)
         arms = self.arms
         progress = {side: _Progress() for side in arms}
         rows = {side: row for row, side in enumerate(arms)}  # of the path
