@@ -120,10 +120,6 @@ class Watch:
             threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
             threading.Thread(target=self._watch_status, daemon=True, name="watch status"),
         ]
-
-    def start(self) -> None:
-        """Begin to watch."""
-        self._desk.start()
         for thread in self._threads:
             thread.start()
 
@@ -132,8 +128,7 @@ class Watch:
         self._desk.close()
         self._ending.set()
         for thread in self._threads:
-            if thread.is_alive():
-                thread.join()
+            thread.join()
 
     def events(self) -> tuple[EventView, ...]:
         """Return the newest events, oldest first."""
