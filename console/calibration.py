@@ -74,7 +74,7 @@ class CellCalibration:
         cell = self._read(lambda: load_cell_description(self._file))
         points, now = self._points(), cell.calibration
         answer, why, question = {}, None, self._fit(points, self._watch.sides)
-        if question is not None and question.done:
+        if question is not None and question.done():
             try:
                 answer = question.answer()
                 why = answer["refusal"]
@@ -91,7 +91,7 @@ class CellCalibration:
                 PointView(name, p.what, p.side, p.asked, p.measured(self._watch.sides), off.get(name), name in wrong)
                 for name, p in points.items()
             ),
-            question is not None and not question.done,
+            question is not None and not question.done(),
             tuple(answer.get("lines", ())),
             answer.get("values", {}),
             why,

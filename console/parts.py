@@ -83,10 +83,9 @@ def assemble(
     audit = kept(AuditTrail(logs / AUDIT_FILE))
     client, heartbeats, catalogue = kept(RobotClient(socket_path)), OperatorHeartbeats(), Catalogue(logs)
     watch = kept(Watch(rings, kept(RobotClient(socket_path, patience_s)), heartbeats, cell))
-    watch.start()
     teleop, ghost, questions = TeleopInput(mailbox, watch), GhostPlayer(logs), kept(Questions(cell))
     queue = Queue(logs / QUEUE_FILE)
-    kept(QueueRunner(queue, kept(RobotClient(socket_path, patience_s)), catalogue, watch.learn)).start()
+    kept(QueueRunner(queue, kept(RobotClient(socket_path, patience_s)), catalogue, watch.learn))
     return Parts(
         sign_in=SignIn(address, Tokens(logs), audit),
         audit=audit,

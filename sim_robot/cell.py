@@ -98,7 +98,7 @@ class SimulatedArm:
 
     def _refuse(self) -> NoReturn:
         if self._box.mode == RobotMode.REFLEX:
-            names = self._box.error_names
+            names = error_names(self._box.errors)
             raise CommandRejected(f"{self._name} in reflex: {', '.join(names)}; recover it first", names)
         if self._box.mode == RobotMode.USER_STOPPED:
             raise CommandRejected(f"{self._name}: user stop pressed; release the activation device first")
@@ -160,7 +160,7 @@ class SimulatedCell:
         if self.clock is not None:
             self.clock.wait()
         for box in self.boxes:
-            box.begin_millisecond(on_time=True)
+            box.begin_millisecond()
         if self.faults is not None:
             self.faults.begin_millisecond()
         self.plant.advance()

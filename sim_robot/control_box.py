@@ -3,7 +3,6 @@
 import numpy as np
 
 from hal.base.arrays import Array
-from hal.robot_errors import error_names
 from hal.state import RobotMode
 from sim_robot import reflexes
 from sim_robot.plant import Plant
@@ -19,7 +18,7 @@ class ControlBox:
 
     def __init__(self, plant: Plant, side: int, tolerances: ReflexParameters) -> None:
         self.mode = RobotMode.IDLE
-        self.errors = 0
+        self.errors = 0  # the mask of those that are latched
         self._plant, self._side, self._tolerances = plant, side, tolerances
         self._tau = np.zeros(7)  # the last torque taken, zero before the first one
         self._waiting = False  # a torque that the plant has not felt yet
@@ -27,11 +26,6 @@ class ControlBox:
         self._lost = 0
         self._arrived = _ALL_ARRIVED
         self._judge = reflexes.judge_of_commands(self._tau, plant.robots[side].limits)
-
-    @property
-    def error_names(self) -> tuple[str, ...]:
-        """The vendor's names of the latched errors."""
-        return error_names(self.errors)
 
     @property
     def success_rate(self) -> float:
@@ -58,9 +52,9 @@ class ControlBox:
         else:
             self._waiting = True
 
-    def begin_millisecond(self, on_time: bool) -> None:
-        """Hand the waiting torque to the plant if it came on time; otherwise the last one stays."""
-        if self._waiting and on_time:
+    def begin_millisecond(self) -> None:
+        """Hand the torque that waits to the plant; where none has come, the last one stays."""
+        if self._waiting:
             if self.mode is not _MOVE:
                 self.mode, self._arrived = _MOVE, _ALL_ARRIVED
             self._waiting, self._lost, self._felt = False, 0, True

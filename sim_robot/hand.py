@@ -96,7 +96,7 @@ class Hand:
     def move(self, width: float, speed: float) -> Order:
         """Go to a width. FAIL before homing, for a width outside 0 and max_width, a speed that is not positive."""
         if not (self._possible(width) and isfinite(speed) and speed > 0.0):
-            return self._refused()
+            return Order(Outcome.FAIL)  # nothing changes of the one that runs
         return self._begin(width, speed, self.parameters.max_force)
 
     def grasp(self, width: float, speed: float, force: float, epsilon_inner: float, epsilon_outer: float) -> Order:
@@ -106,7 +106,7 @@ class Hand:
         """
         good = self._possible(width) and min(speed, force) > 0.0 and min(epsilon_inner, epsilon_outer) >= 0.0
         if not (good and all(map(isfinite, (speed, force, epsilon_inner, epsilon_outer)))):
-            return self._refused()
+            return Order(Outcome.FAIL)
         held = self.is_grasped
         order = self._begin(0.0, speed, force)
         self._window = width - epsilon_inner, width + epsilon_outer
@@ -126,10 +126,6 @@ class Hand:
 
     def _possible(self, width: float) -> bool:
         return self.max_width > 0.0 and isfinite(width) and 0.0 <= width <= self.max_width
-
-    def _refused(self) -> Order:
-        """A command that cannot be carried out changes nothing of the one that runs."""
-        return Order(Outcome.FAIL)
 
     def _begin(self, goal: float, speed: float, force: float) -> Order:
         self._finish(Outcome.ABORTED)

@@ -10,7 +10,8 @@ from math import cos, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_robot.plant_parameters import Vector3, check_signs
+from hal.base.configuration import Positive
+from sim_robot.plant_parameters import Vector3, Vector3Positive
 
 TURN_RAD = -pi / 4.0  # of the hand about the flange's z
 # the fingers move along the hand's y axis, here in the flange's frame
@@ -31,21 +32,20 @@ class FrankaHand:
     users of the robot report; homing_speed and start_width, how a switched-on hand stands, are ours.
     """
 
-    mass: float = 0.73
+    mass: Positive = 0.73
     centre: Vector3 = (-0.01, 0.0, 0.03)
-    inertia: Vector3 = (0.001, 0.0025, 0.0017)
-    tip_offset_z: float = 0.1034
-    max_width: float = 0.08
-    max_speed: float = 0.1
-    max_force: float = 70.0
-    stiffness: float = 4e5
-    friction: float = 0.9
-    homing_speed: float = 0.05
-    move_timeout_s: float = 100.0
-    start_width: float = 0.06
+    inertia: Vector3Positive = (0.001, 0.0025, 0.0017)
+    tip_offset_z: Positive = 0.1034
+    max_width: Positive = 0.08
+    max_speed: Positive = 0.1
+    max_force: Positive = 70.0
+    stiffness: Positive = 4e5
+    friction: Positive = 0.9
+    homing_speed: Positive = 0.05
+    move_timeout_s: Positive = 100.0
+    start_width: Positive = 0.06
 
     def __post_init__(self) -> None:
-        check_signs(self, [name for name in self.__slots__ if name != "centre"])
         if self.start_width > self.max_width:
             raise ValueError(f"start_width must not exceed max_width, {self.max_width}, got {self.start_width}")
 

@@ -263,8 +263,3 @@ class Plant:
         ends = (*self.pad_bodies, *chain.from_iterable(self.finger_bodies))
         touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, ends).any(axis=1)
         return bool(touched.any())
-
-    def object_pose(self) -> tuple[Array, Array]:
-        """Return the object's centre in the world (3,) m and its quaternion wxyz (4,), copied."""
-        pose = self.data.qpos[self.first_of_object :]
-        return pose[:3].copy(), pose[3:].copy()

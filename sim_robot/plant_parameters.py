@@ -1,103 +1,83 @@
 """The plant's parameters: nominal values, seeded scatter, noise. From a file that only the plant reads."""
 
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import PositiveInt
+
 from hal.base.arrays import Seven
-from hal.base.configuration import from_document, load_toml
+from hal.base.configuration import NotNegative, Positive, from_document, load_toml
 from hal.robots import RobotModel
+from hal.robots.model import SevenPositive
 
 OWN_FILES = Path(__file__).parent  # scenes, parameters: data of the package
 Vector3 = tuple[float, float, float]
+Vector3Positive = tuple[Positive, Positive, Positive]
+SevenNotNegative = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 ZEROS: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def check_signs(record: object, positive: Iterable[str], not_negative: Iterable[str] = ()) -> None:
-    """Raise ValueError for a field whose number, or one of whose numbers, is not as it has to be. None is left out."""
-    for names, needed in ((positive, "be positive"), (not_negative, "not be negative")):
-        for name in names:
-            value = getattr(record, name)
-            for item in value if isinstance(value, tuple) else (value,):
-                if item is not None and not (item > 0.0 or (item == 0.0 and names is not_negative)):
-                    raise ValueError(f"{name} must {needed}, got {item}")
 
 
 @dataclass(frozen=True, slots=True)
 class JointParameters:
     """Seven flexible joints: B, B_theta kg m^2; K Nm/rad; D Nms/rad; friction p1 Nm, p2 s/rad, p3 rad/s."""
 
-    B: Seven
-    B_theta: Seven
-    K: Seven
-    D: Seven
-    friction_p1: Seven
-    friction_p2: Seven
+    B: SevenPositive
+    B_theta: SevenPositive
+    K: SevenPositive
+    D: SevenNotNegative
+    friction_p1: SevenNotNegative
+    friction_p2: SevenNotNegative
     friction_p3: Seven
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("B", "B_theta", "K"), ("D", "friction_p1", "friction_p2"))
 
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
     """Standard deviations of what differs from the nominal plant, as fractions (link_centre_mm in mm)."""
 
-    link_mass: float
-    link_inertia: float
-    link_centre_mm: float
-    joint_stiffness: float
-    joint_damping: float
-    motor_inertia: float
-    friction: float
-    gravity_compensation: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, (), tuple(self.__slots__))
+    link_mass: NotNegative
+    link_inertia: NotNegative
+    link_centre_mm: NotNegative
+    joint_stiffness: NotNegative
+    joint_damping: NotNegative
+    motor_inertia: NotNegative
+    friction: NotNegative
+    gravity_compensation: NotNegative
 
 
 @dataclass(frozen=True, slots=True)
 class Holding:
     """The robot's own joint impedance, Nm/rad."""
 
-    stiffness: Seven
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("stiffness",))
+    stiffness: SevenPositive
 
 
 @dataclass(frozen=True, slots=True)
 class SensorParameters:
     """Noise (standard deviations), quantisation and filters of what the robot reports. SI units, Hz."""
 
-    q_quantum: float
-    q_noise: float
-    dq_noise: float
-    theta_noise: float
-    dtheta_noise: float
-    tau_J_noise: Seven
-    dtau_J_cutoff_hz: float
-    tau_ext_cutoff_hz: float
-    tau_ext_noise: Seven
-    smallest_singular_value: float
-    wrench_damping: float
-
-    def __post_init__(self) -> None:
-        positive = ("dtau_J_cutoff_hz", "tau_ext_cutoff_hz", "smallest_singular_value")
-        check_signs(self, positive, tuple(name for name in self.__slots__ if name not in positive))
+    q_quantum: NotNegative
+    q_noise: NotNegative
+    dq_noise: NotNegative
+    theta_noise: NotNegative
+    dtheta_noise: NotNegative
+    tau_J_noise: SevenNotNegative
+    dtau_J_cutoff_hz: Positive
+    tau_ext_cutoff_hz: Positive
+    tau_ext_noise: SevenNotNegative
+    smallest_singular_value: Positive
+    wrench_damping: NotNegative
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerParameters:
     """Motion capture: rate Hz and noise."""
 
-    rate_hz: float
-    position_noise_mm: float
-    orientation_noise_deg: float
+    rate_hz: Positive
+    position_noise_mm: NotNegative
+    orientation_noise_deg: NotNegative
 
     def __post_init__(self) -> None:
-        check_signs(self, ("rate_hz",), ("position_noise_mm", "orientation_noise_deg"))
         if self.rate_hz > 1000.0 or 1000.0 % self.rate_hz != 0.0:
             raise ValueError(f"rate_hz must divide 1000, got {self.rate_hz}")
 
@@ -110,20 +90,17 @@ class ReflexParameters:
     the end effector, m along the base's axes; largest_power: W; swing: a joint's, rad/s, Hz.
     """
 
-    tau_J_overload: float
-    velocity_tolerance: float
-    communication_timeout_ms: int
-    first_command_timeout_ms: int
+    tau_J_overload: Positive
+    velocity_tolerance: NotNegative
+    communication_timeout_ms: PositiveInt
+    first_command_timeout_ms: PositiveInt
     walls_lower: Vector3
     walls_upper: Vector3
-    largest_power: float
-    swing_velocity: float
-    swing_rate_hz: float
+    largest_power: Positive
+    swing_velocity: Positive
+    swing_rate_hz: Positive
 
     def __post_init__(self) -> None:
-        timeouts, swing = ("communication_timeout_ms", "first_command_timeout_ms"), ("swing_velocity", "swing_rate_hz")
-        positive = ("tau_J_overload", *timeouts, "largest_power", *swing)
-        check_signs(self, positive, ("velocity_tolerance",))
         if any(low >= high for low, high in zip(self.walls_lower, self.walls_upper, strict=True)):
             raise ValueError(f"walls_lower must lie below walls_upper: {self.walls_lower}, {self.walls_upper}")
 

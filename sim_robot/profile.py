@@ -9,18 +9,21 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from math import exp, log
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeInt
 
 from hal.base.arrays import Array, Seven
-from hal.base.configuration import ConfigurationError, load_toml
+from hal.base.configuration import ConfigurationError, NotNegative, Positive, load_toml
 from hal.tracker import ObjectPose, ObjectTracker
-from sim_robot.plant_parameters import OWN_FILES, Vector3, check_signs
+from sim_robot.plant_parameters import OWN_FILES, SevenNotNegative, Vector3
 from sim_robot.scene import ArmPlacement, Scene
 
 IDEAL = "ideal"
 _PROFILES = OWN_FILES / "parameters" / "profiles"
 LONGEST_DELAY_MS = 50
+DelayMs = Annotated[int, Field(ge=0, le=LONGEST_DELAY_MS)]
 # of the draws, beside 0 arms and placement, 1 sensors, 2 tracker, 3 friction of a campaign
 ARM_DRAW, SLOW_NOISE_DRAW, TRACKER_DRAW, BOX_DRAW, LINK_DRAW = 4, 5, 6, 7, 8
 LATE_SHARES = (0.5, 0.9, 0.99, 0.999)  # of the states that are no later than Twin.link_late_us
@@ -125,17 +128,14 @@ class ForceEstimate:
     noise_hz.
     """
 
-    torque_offset: Seven
-    gravity_error: float
-    payload_error_kg: float
-    delay_ms: int
-    noise: Seven
-    noise_hz: float
+    torque_offset: SevenNotNegative
+    gravity_error: NotNegative
+    payload_error_kg: NotNegative
+    delay_ms: DelayMs
+    noise: SevenNotNegative
+    noise_hz: NotNegative
 
     def __post_init__(self) -> None:
-        check_signs(self, (), self.__slots__)
-        if self.delay_ms > LONGEST_DELAY_MS:
-            raise ValueError(f"delay_ms must be at most {LONGEST_DELAY_MS}: {self.delay_ms}")
         if any(self.noise) and not self.noise_hz:
             raise ValueError("noise_hz must be positive where there is noise")
 
@@ -148,13 +148,10 @@ class OwnArm:
     that it serves. friction: a fraction of each joint's, of the arm alone.
     """
 
-    link_mass: float
-    link_inertia: float
-    link_centre_mm: float
-    friction: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, (), self.__slots__)
+    link_mass: NotNegative
+    link_inertia: NotNegative
+    link_centre_mm: NotNegative
+    friction: NotNegative
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,15 +176,11 @@ class Twin:
     payload_kg: float = 0.0
     payload_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     torque_offset: Seven | None = None
-    estimate_delay_ms: int | None = None
-    contact_stiffness: float | None = None
+    estimate_delay_ms: DelayMs | None = None
+    contact_stiffness: Positive | None = None
     link_late_us: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.estimate_delay_ms is not None and not 0 <= self.estimate_delay_ms <= LONGEST_DELAY_MS:
-            raise ValueError(f"estimate_delay_ms must be 0 to {LONGEST_DELAY_MS}: {self.estimate_delay_ms}")
-        if self.contact_stiffness is not None and self.contact_stiffness <= 0.0:
-            raise ValueError(f"contact_stiffness must be positive: {self.contact_stiffness}")
         late = self.link_late_us
         if late is not None and not 0.0 <= late[0] <= late[1] <= late[2] <= late[3]:
             raise ValueError(f"link_late_us must not be negative nor fall: {list(late)}")
@@ -201,14 +194,13 @@ class TrackerClock:
     a row at most.
     """
 
-    offset_ms: float
-    drift_ppm: float
+    offset_ms: NotNegative
+    drift_ppm: NotNegative
     latency_ms: tuple[float, float, float]
-    lost_share: float
-    lost_frames: int
+    lost_share: NotNegative
+    lost_frames: NonNegativeInt
 
     def __post_init__(self) -> None:
-        check_signs(self, (), self.__slots__)
         Spread(*self.latency_ms)
         if self.lost_share >= 1.0 or (self.lost_share and not self.lost_frames):
             raise ValueError("lost_share must be below 1, and lost_frames positive where frames are lost")
@@ -227,10 +219,9 @@ class Box:
     stop_ms: tuple[float, float, float]
     set_ms: tuple[float, float, float]
     recovery_ms: tuple[float, float, float]
-    first_command_ms: int
+    first_command_ms: NonNegativeInt
 
     def __post_init__(self) -> None:
-        check_signs(self, (), self.__slots__)
         for name in ("move_ms", "stop_ms", "set_ms", "recovery_ms"):
             Spread(*getattr(self, name))
 

@@ -4,18 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cos, degrees, pi, radians, sin
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.arrays import Seven
-from hal.base.configuration import STRICT, ConfigurationError, load_toml
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
 from hal.pad import Pad
 from hal.robots import DEFAULT, RobotModel, robot
 from sim_robot.hand_parameters import FrankaHand
-from sim_robot.plant_parameters import OWN_FILES, Vector3, check_signs
+from sim_robot.plant_parameters import OWN_FILES, Vector3, Vector3Positive
 
 SIDES = ("left", "right")
 NO_OBJECT = "none"  # in an object's place: an empty cell
@@ -59,24 +61,21 @@ class Table:
     """A box from the floor to top_z, m. stiffness in N/m."""
 
     centre_xy: Vector2
-    size_xy: Vector2
-    top_z: float
-    stiffness: float
-    friction: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("size_xy", "top_z", "stiffness", "friction"))
+    size_xy: tuple[Positive, Positive]
+    top_z: Positive
+    stiffness: Positive
+    friction: Positive
 
 
 @checked(frozen=True, slots=True, config=STRICT, kw_only=True)
 class ScenePad(Pad):
     """The silicone pad on each flange. stiffness of its silicone N/m."""
 
-    stiffness: float
-    friction: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("size", "mass", "flange_to_face", "stiffness", "friction"))
+    size: Vector3Positive
+    mass: Positive
+    flange_to_face: Positive
+    stiffness: Positive
+    friction: Positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,39 +86,26 @@ class Platform:
     """
 
     centre: Vector3
-    size: Vector3
-    inclination_deg: float
-    stiffness: float
-    damping: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("size", "stiffness"), ("damping",))
-        if abs(self.inclination_deg) > 45.0:
-            raise ValueError("inclination_deg must be within -45 and 45")
+    size: Vector3Positive
+    inclination_deg: Annotated[float, Field(ge=-45.0, le=45.0)]
+    stiffness: Positive
+    damping: NotNegative
 
 
 @dataclass(frozen=True, slots=True)
 class ContactModel:
     """MuJoCo's constraint impedance d, and its ratio of frictional to normal impedance."""
 
-    impedance: float
-    friction_ratio: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("friction_ratio",))
-        if not 1e-4 <= self.impedance <= 0.9999:
-            raise ValueError(f"impedance must be within 0.0001 and 0.9999, got {self.impedance}")
+    impedance: Annotated[float, Field(ge=1e-4, le=0.9999)]
+    friction_ratio: Positive
 
 
 @dataclass(frozen=True, slots=True)
 class PlacementScatter:
     """Standard deviations of where the object stands."""
 
-    position_mm: float
-    yaw_deg: float
-
-    def __post_init__(self) -> None:
-        check_signs(self, (), ("position_mm", "yaw_deg"))
+    position_mm: NotNegative
+    yaw_deg: NotNegative
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,15 +115,12 @@ class GraspObject:
     pad_friction, table_friction: of a pad and of the table on it, where they are not the scene's.
     """
 
-    mass: float
-    size: Vector3
-    stiffness: float
-    damping_ratio: float
-    pad_friction: float | None = None
-    table_friction: float | None = None
-
-    def __post_init__(self) -> None:
-        check_signs(self, ("mass", "size", "stiffness", "damping_ratio", "pad_friction", "table_friction"))
+    mass: Positive
+    size: Vector3Positive
+    stiffness: Positive
+    damping_ratio: Positive
+    pad_friction: Positive | None = None
+    table_friction: Positive | None = None
 
     def footprint(self, yaw_rad: float) -> Vector2:
         """Half of its extent along the world's x and y, m, where it is turned about z."""

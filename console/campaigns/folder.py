@@ -6,8 +6,7 @@ Read only, while the campaign writes. Beside the folder stand NAME.json, what wa
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -54,11 +53,9 @@ class CampaignFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.id = hidden(path.name)
-
-    @property
-    def said(self) -> Path:
-        """What the campaign has said."""
-        return self.path.with_name(f"{self.path.name}.txt")
+        self.said = path.with_name(f"{path.name}.txt")  # what the campaign has said
+        self.pause = path / PAUSE  # pauses a campaign on arms between two runs, while it is there; it says why
+        self._note = path.with_name(f"{path.name}.json")
 
     @property
     def begun(self) -> bool:
@@ -70,11 +67,6 @@ class CampaignFolder:
         """The report, None before it was written."""
         page = self.path / PAGE
         return page if page.is_file() else None
-
-    @property
-    def pause(self) -> Path:
-        """The file that pauses a campaign on arms between two runs, for as long as it is there; it says why."""
-        return self.path / PAUSE
 
     def keep(self, asked: Asked) -> None:
         """Note what was asked for."""
@@ -107,25 +99,23 @@ class CampaignFolder:
             return Stage("starting", 0, None)
 
     def rows(self, limit: int) -> tuple[list[str], list[dict[str, Any]]]:
-        """Return the columns and the newest results."""
-        with self._database() as database:
-            if database is None:
+        """Return the columns and the newest results, none where there are none yet; limit: -1 for all."""
+        if not self.begun:
+            return [], []
+        with closing(sqlite3.connect(f"{(self.path / DATABASE).as_uri()}?mode=ro", uri=True)) as database:
+            database.row_factory = sqlite3.Row
+            try:
+                found = database.execute("SELECT * FROM results ORDER BY rowid DESC LIMIT ?", (limit,))
+            except sqlite3.Error:  # the table is being made
                 return [], []
-            found = database.execute("SELECT * FROM results ORDER BY rowid DESC LIMIT ?", (limit,))
             return [column[0] for column in found.description], [dict(row) for row in found]
 
     def log(self, row_id: str) -> Path | None:
         """Return the log behind a result by the hidden name of its row, None without one."""
-        with self._database() as database:
-            if database is None:
-                return None
-            columns = {name for (name,) in database.execute("SELECT name FROM pragma_table_info('results')")}
-            if "log" not in columns:
-                return None
-            for trial, log in database.execute("SELECT id, log FROM results"):
-                if log is not None and hidden(trial) == row_id:
-                    path = (self.path / log).resolve()
-                    return path if path.is_relative_to(self.path.resolve()) and path.is_file() else None
+        for row in self.rows(-1)[1]:
+            if row.get("log") is not None and hidden(row["id"]) == row_id:
+                path = (self.path / row["log"]).resolve()
+                return path if path.is_relative_to(self.path.resolve()) and path.is_file() else None
         return None
 
     def figures(self) -> dict[str, Path]:
@@ -140,25 +130,6 @@ class CampaignFolder:
             return [{"conditions": part["name"], **claim} for part in parts for claim in part["claims"]]
         except (OSError, ValueError, KeyError):
             return []
-
-    @property
-    def _note(self) -> Path:
-        return self.path.with_name(f"{self.path.name}.json")
-
-    @contextmanager
-    def _database(self) -> Iterator[sqlite3.Connection | None]:
-        """Open the results to read, None where there are none yet."""
-        if not (self.path / DATABASE).exists():
-            yield None
-            return
-        with closing(sqlite3.connect(f"{(self.path / DATABASE).as_uri()}?mode=ro", uri=True)) as database:
-            database.row_factory = sqlite3.Row
-            try:
-                database.execute("SELECT 1 FROM results LIMIT 1")
-            except sqlite3.Error:  # the table is being made
-                yield None
-                return
-            yield database
 
 
 def hidden(name: str) -> str:

@@ -91,9 +91,8 @@ class ArmWatch:
         sizes = np.linalg.norm(records["O_F_ext_hat_K"][:, :3], axis=1)
         most = int(sizes.argmax())
         if self.hit is None or sizes[most] > np.linalg.norm(self.hit[1]):
-            base, record = self._base, records[most]
-            place = base.translation + base.rotation @ record["O_T_EE"][:3, 3]
-            self.hit = place, -(base.rotation @ record["O_F_ext_hat_K"][:3])
+            pose, force = in_world(self._base, records[most])
+            self.hit = pose[:3], force
         return float(sizes[most])
 
     def _pad_speed(self, t_ns: int, place: NDArray[np.float64]) -> float | None:

@@ -33,20 +33,13 @@ class DeskWatch:
         looked_at = {side: address for side, address in addresses.items() if address}
         self._views = {side: DeskView(side, False, "not asked yet") for side in looked_at}
         self._ending = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._watch, args=each, daemon=True, name=f"watch Desk, {each[0]}")
-            for each in looked_at.items()
-        ]
+        for each in looked_at.items():
+            threading.Thread(target=self._watch, args=each, daemon=True, name=f"watch Desk, {each[0]}").start()
 
     @property
     def views(self) -> tuple[DeskView, ...]:
         """The boxes that are looked at, left before right."""
         return tuple(self._views.values())
-
-    def start(self) -> None:
-        """Begin to ask."""
-        for thread in self._threads:
-            thread.start()
 
     def close(self) -> None:
         """End the threads. One that waits for an answer ends after it, by itself."""

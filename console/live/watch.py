@@ -23,7 +23,7 @@ from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import JobState, Status
 from rtstack.log.ring import Rings
 from rtstack.model.cell_description import CellDescription
-from rtstack.samples import Level
+from rtstack.samples import SIDES, Level
 
 _SAMPLE_PERIOD_S = 0.02  # how finely an age is known
 _LOOP_EVERY = 10  # samples: statistics need no more than 5 Hz
@@ -111,19 +111,15 @@ class Watch:
         self._pictures = [(0, 0)] * _PICTURES  # number, and when it was made, monotonic ns
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
         unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
-        self.view = self._view(
-            dict.fromkeys(self._arms, unknown), state=UNKNOWN, loop=LoopView(), status=None, status_age_s=NEVER_S,
-            unreachable=None, event=None,
+        self.view = LiveView(
+            *(unknown if side in self._arms else None for side in SIDES), state=UNKNOWN, loop=LoopView(), status=None,
+            status_age_s=NEVER_S, unreachable=None, event=None,
         )  # fmt: skip
         self.document = msgspec.json.encode(self.view)
         self._threads = [
             threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
             threading.Thread(target=self._watch_status, daemon=True, name="watch status"),
         ]
-
-    def start(self) -> None:
-        """Begin to watch."""
-        self._desk.start()
         for thread in self._threads:
             thread.start()
 
@@ -132,8 +128,7 @@ class Watch:
         self._desk.close()
         self._ending.set()
         for thread in self._threads:
-            if thread.is_alive():
-                thread.join()
+            thread.join()
 
     def events(self) -> tuple[EventView, ...]:
         """Return the newest events, oldest first."""
@@ -201,8 +196,8 @@ class Watch:
             views = {side: arm.view(now_s) for side, arm in self._arms.items()}
             self._number += 1
             self._pictures[self._number % _PICTURES] = (self._number, now_ns)
-            self.view = self._view(
-                views,
+            self.view = LiveView(
+                *map(views.get, SIDES),
                 state=self._state(status if unreachable is None else None, now_s),
                 loop=loop,
                 status=status,
@@ -214,10 +209,6 @@ class Watch:
                 number=self._number,
             )
             self.document = msgspec.json.encode(self.view)
-
-    @staticmethod
-    def _view(arms: Mapping[str, ArmView], **more: Any) -> LiveView:
-        return LiveView(arms.get("left"), arms.get("right"), **more)
 
     def _places(self) -> Places | None:
         pads, told, lies = self.measured(), self.command(), self.object_pose()

@@ -20,33 +20,23 @@ _AT_ONCE = 2
 _REMEMBERED = 32
 
 
-class Question:
-    """A question that was asked. share: how much of the answer is made, 0 to 1."""
+class Question(Future[dict[str, Any]]):
+    """A question that was asked, and the last line of the process that answers it. share: how much is made, 0 to 1."""
 
-    def __init__(self) -> None:
-        self.share = 0.0
-        self._answer: Any = None
-        self._refused: str | None = None
-        self._done = threading.Event()
-
-    @property
-    def done(self) -> bool:
-        """Whether there is an answer, or a reason why there is none."""
-        return self._done.is_set()
+    share = 0.0
 
     def answer(self) -> Any:
         """Wait for the answer. Raises Refused."""
-        self._done.wait()
-        if self._refused is not None:
-            raise Refused(409, self._refused)
-        return self._answer
+        words = self.result()
+        if "refused" in words:
+            raise Refused(409, words["refused"])
+        return words["answer"]
 
     def take(self, words: dict[str, Any]) -> None:
         """Take a line of the process that answers."""
         self.share = words.get("share", self.share)
         if words.keys() & {"answer", "refused"}:
-            self.share, self._answer, self._refused = 1.0, words.get("answer"), words.get("refused")
-            self._done.set()
+            self.set_result(words)
 
 
 class Questions:
@@ -106,5 +96,5 @@ class Questions:
                 pass  # it has ended: told below
         with self._lock:
             self._running.discard(process)
-        if not question.done:
+        if not question.done():
             question.take({"refused": f"looking at it ended unexpectedly (status {process.returncode}): ask again"})

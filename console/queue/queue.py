@@ -31,6 +31,7 @@ _ENTRIES = TypeAdapter(tuple[Entry, ...])
 
 class Queue:
     """The list and its file. May be used from any thread; what is changed is kept before a method returns.
+    What changes the entries returns how the queue is then.
 
     operator: on whose word it runs, None while it is paused, as when the console begins, whatever it was before.
     past_failures: whether it goes on past grabs that do not succeed.
@@ -64,16 +65,16 @@ class Queue:
         """How many entries there is room for."""
         return MAX_ENTRIES - len(self._entries)
 
-    def add(self, order: QueueOrder, followed: str) -> None:
+    def add(self, order: QueueOrder, followed: str) -> QueueView:
         """Append an order, one entry a repetition. Raises Refused where there is no room."""
         last = order.trial.seed + order.repetitions - 1
         if last > MOST_SEED:
             raise Refused(409, f"seed: the last repetition would have {last}, beyond {MOST_SEED}; choose a lower one")
-        self.add_all(
+        return self.add_all(
             [replace(order.trial, seed=order.trial.seed + number) for number in range(order.repetitions)], followed
         )
 
-    def add_all(self, trials: Sequence[TrialOrder], followed: str) -> None:
+    def add_all(self, trials: Sequence[TrialOrder], followed: str) -> QueueView:
         """Append trials, an entry each. Raises Refused where there is no room for all of them."""
         with self._lock:
             if len(trials) > self.room:
@@ -84,7 +85,7 @@ class Queue:
                 )
             if self.operator is None and self.next() is None:
                 self._reason = _NEW
-            self._keep(
+            return self._keep(
                 [
                     *self._entries,
                     *(
@@ -94,7 +95,7 @@ class Queue:
                 ]
             )
 
-    def move(self, entry_id: str, to: int) -> None:
+    def move(self, entry_id: str, to: int) -> QueueView:
         """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last.
 
         Raises Refused for an entry that is not there, as all do, and for one that does not wait.
@@ -104,24 +105,24 @@ class Queue:
             others = [other for other in self._entries if other.id != entry_id]
             places = [place for place, other in enumerate(others) if other.state is EntryState.WAITING]
             others.insert(places[to] if to < len(places) else len(others), entry)
-            self._keep(others)
+            return self._keep(others)
 
-    def cancel(self, entry_id: str) -> None:
+    def cancel(self, entry_id: str) -> QueueView:
         """Cancel a waiting entry; it stays in the list. Raises Refused for any other."""
         with self._lock:
-            self._keep(self._changed(self._waiting(entry_id).id, state=EntryState.CANCELLED))
+            return self._keep(self._changed(self._waiting(entry_id).id, state=EntryState.CANCELLED))
 
-    def remove(self, entry_id: str) -> None:
+    def remove(self, entry_id: str) -> QueueView:
         """Take an entry off the list. Raises Refused for the one that runs."""
         with self._lock:
             if self.entry(entry_id).state is EntryState.RUNNING:
                 raise Refused(409, "it is running: cancel it first")
-            self._keep([entry for entry in self._entries if entry.id != entry_id])
+            return self._keep([entry for entry in self._entries if entry.id != entry_id])
 
-    def clear(self, finished_only: bool) -> None:
+    def clear(self, finished_only: bool) -> QueueView:
         """Take off what is finished, or everything but what runs."""
         with self._lock:
-            self._keep(
+            return self._keep(
                 [e for e in self._entries if not (e.final or (e.state is EntryState.WAITING and not finished_only))]
             )
 
@@ -186,9 +187,10 @@ class Queue:
             raise Refused(409, f"it is {entry.state}: only what waits can be moved or cancelled")
         return entry
 
-    def _keep(self, entries: list[Entry]) -> None:
+    def _keep(self, entries: list[Entry]) -> QueueView:
         save_entries(self._file, entries)
         self._entries = entries
+        return self.view()
 
 
 def load_entries(path: Path) -> tuple[Entry, ...]:

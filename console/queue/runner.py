@@ -41,16 +41,12 @@ class QueueRunner:
         self._learn = learn
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True, name="queue")
-
-    def start(self) -> None:
-        """Begin to look after the queue."""
         self._thread.start()
 
     def close(self) -> None:
         """End the thread; the queue is paused."""
         self._ending.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.join()
         self._queue.pause("the console has ended")
 
     def _run(self) -> None:

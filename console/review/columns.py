@@ -94,13 +94,13 @@ class ColumnWriter:
         self._open = np.zeros((count, 0), np.float32)  # samples of the bucket that is not full yet
         self.rows = 0
 
-    def append(self, records: NDArray) -> NDArray[np.float32]:
-        """Write records, (n,), and return their columns, (signals, n). Times that go back are held."""
+    def append(self, records: NDArray) -> None:
+        """Write records, (n,). Times that go back are held."""
         records = records[: self._capacity - self.rows]
         block = column_block(self._topic, records)
         t_ns = np.maximum(np.maximum.accumulate(records["t_ns"]), self._newest_ns)
         if not len(t_ns):
-            return block
+            return
         self._newest_ns = int(t_ns[-1])
         _put(self._time, t_ns[None], self.rows, self._capacity)
         _put(self._values, block, self.rows, self._capacity)
@@ -112,7 +112,6 @@ class ColumnWriter:
         _put(self._high, np.fmax.reduceat(waiting, starts, axis=1), first, self._buckets)
         self.rows += len(t_ns)
         self._open = waiting[:, len(waiting[0]) - self.rows % BUCKET :]
-        return block
 
     def close(self) -> None:
         """Close the files."""

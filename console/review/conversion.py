@@ -65,11 +65,7 @@ def _marks(records: Iterable[Any], start_ns: int) -> list[Mark]:
     ]
 
 
-def _nothing() -> None:
-    pass
-
-
-def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Index:
+def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) -> Index:
     """Write the columns of a log into an existing folder, and its index after each batch. Raises LogError, OSError.
 
     begun: called once, when the first part can be seen.
@@ -93,7 +89,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
 
     try:
         parent = os.getppid()
-        for batch in log.batches([*PLOTTED_TOPICS, EVENT_TOPIC]):
+        for number, batch in enumerate(log.batches([*PLOTTED_TOPICS, EVENT_TOPIC])):
             if os.getppid() != parent:
                 raise SystemExit(1)  # the parent has gone, and starts again
             events += _marks(batch.records.get(EVENT_TOPIC, ()), log.start_ns)
@@ -108,8 +104,8 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
                 modes={side: modes[side].spans for side in sides},
             )
             index.write(folder)
-            begun()
-            begun = _nothing
+            if number == 0:
+                begun()
         append(deriving.rest())
     finally:
         for writer in writers.values():

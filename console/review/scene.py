@@ -58,7 +58,7 @@ class _Figures:
                 self._ghost = self._ghost or CellFigures(self._client.scene, self._cell, full=False, ghost=GHOST)
                 _place(self._ghost, poses.ghost)
             elif self._ghost is not None:
-                self._ghost.hide()
+                self._ghost.set_visible(False)
 
 
 def _place(figures: CellFigures, pose: Pose) -> None:

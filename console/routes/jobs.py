@@ -74,9 +74,7 @@ def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status
     return status
 
 
-@router.post(
-    "/jobs/preview", status_code=202, responses=problems(404), dependencies=[takes_two_arms("a trial of a grab")]
-)
+@router.post("/jobs/preview", status_code=202, responses=problems(404), dependencies=[_TWO_ARMS])
 def begin_preview(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> PreviewView:
     """Simulate a trial, and show it in the scene as a ghost. No arm moves, and no control is needed."""
     status = parts.watch.view.status
@@ -102,7 +100,7 @@ def playback(order: PlaybackOrder, session: NeedsSession, parts: NeedsParts) -> 
 def limit(log_id: str, parts: NeedsParts) -> PlaybackLimit:
     """Say how fast a log may be played on the arms. The first answers have neither: it is being computed."""
     question = parts.questions.ask("fastest", listed(parts.catalogue, log_id, _NO_LOG).path)
-    if not question.done:
+    if not question.done():
         return PlaybackLimit(None, None)
     try:
         return PlaybackLimit(question.answer(), None)

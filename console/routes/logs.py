@@ -8,7 +8,7 @@ from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
 from console.parts import NeedsParts, Parts, written_now
-from console.review.columns import Mark
+from console.review.columns import Index, Mark
 from console.review.figure import MEDIA_TYPES, drawn_logs, figure_file, overlays_of
 from console.review.logs import (
     ReadLog,
@@ -31,6 +31,7 @@ from rtstack.log_folder.difference import differences
 from rtstack.log_folder.log_rows import LogRow, log_row
 from rtstack.log_folder.search import Outcome, SortKey, ordered, search
 from rtstack.samples import Level
+from rtstack.trials.specification import like
 
 router = APIRouter(prefix="/api/logs", tags=["logs"], responses=problems(500))
 
@@ -133,19 +134,17 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
     """
     entry = entry_of(parts.catalogue, log_id)
     read = opened_entry(entry, parts.review_cache)
-    index = None if read is None else read.index
-    return LogReview(
+    index = Index(0, 0.0, {}) if read is None else read.index
+    return like(
+        LogReview,
+        index,
         row=log_row(entry, written_now(parts)),
         trial=None if entry.trial is None else dict(entry.trial),
         result=None if entry.result is None else dict(entry.result),
         condition=entry.condition,
-        share=0.0 if index is None else index.share,
-        done=index is not None and index.done,
-        start_ns=None if index is None else str(index.start_ns),  # beyond what a browser's numbers can hold
-        duration_s=None if index is None else index.duration_s,
-        topics={} if index is None else index.rows,
-        modes={} if index is None else index.modes,
-        events=[] if index is None else index.events,
+        start_ns=None if read is None else str(index.start_ns),  # beyond what a browser's numbers can hold
+        duration_s=None if read is None else index.duration_s,
+        topics=index.rows,
     )
 
 
@@ -184,9 +183,9 @@ def series(
 def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> ValuesAt:
     """Return the newest samples at a moment: values of signals, joints of the arms, the object's pose."""
     found = moment(_log(parts, log_id), wanted_signals(signals), t)
-    return ValuesAt(
-        t_s=found.t_s,
-        values=found.values,
+    return like(
+        ValuesAt,
+        found,
         q=None if found.q is None else found.q.tolist(),
         object=None if found.object is None else found.object.tolist(),
     )

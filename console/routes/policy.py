@@ -175,7 +175,8 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
                 await asyncio.sleep(1.0 / rate_hz if leads else _WAIT_S)
                 continue
             began_s = time.monotonic()
-            await websocket.send_json({"observation": _plain(observation), "refused": refused})
+            shown = msgspec.to_builtins(observation, enc_hook=np.ndarray.tolist)  # bytes become base64
+            await websocket.send_json({"observation": shown, "refused": refused})
             refused = _take(policy, await websocket.receive_text(), parts.teleop.end_lease, name)
             await asyncio.sleep(max(0.0, 1.0 / rate_hz - (time.monotonic() - began_s)))
     except (WebSocketDisconnect, RuntimeError):
@@ -197,8 +198,3 @@ def _take(policy: PolicyInput, text: str, end_lease: Any, name: str) -> str | No
         end_lease(name)
         return None
     return policy.answer(answer.to, answer.chunk())
-
-
-def _plain(observation: Observation) -> dict[str, Any]:
-    """Return an observation as JSON-ready values."""
-    return msgspec.to_builtins(observation, enc_hook=np.ndarray.tolist)  # bytes become base64

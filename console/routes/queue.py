@@ -59,8 +59,7 @@ def queue(parts: NeedsParts) -> QueueView:
 def add(order: QueueOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Append a trial so many times, each with the next seed. Only the operator with control."""
     check_objects(parts, "object", order.trial.object)
-    parts.queue.add(order, _name_of(parts, order.trial.reference))
-    return parts.queue.view()
+    return parts.queue.add(order, _name_of(parts, order.trial.reference))
 
 
 @router.post("/sweep", status_code=201, responses=problems(404, 422), dependencies=[_TWO_ARMS])
@@ -71,8 +70,7 @@ def sweep(order: SweepOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueVie
     """
     trials = order.trials()
     check_objects(parts, "objects", *order.objects)
-    parts.queue.add_all(trials, _name_of(parts, order.reference))
-    return parts.queue.view()
+    return parts.queue.add_all(trials, _name_of(parts, order.reference))
 
 
 @router.post("/sweep/size", responses=problems(422))
@@ -117,26 +115,22 @@ async def cancel_running(session: NeedsSession, parts: NeedsParts, afterwards: B
 @router.post("/clear")
 def clear(order: ClearOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Take what is finished off the list, or everything but what runs. Only the operator with control."""
-    parts.queue.clear(order.finished_only)
-    return parts.queue.view()
+    return parts.queue.clear(order.finished_only)
 
 
 @router.post("/{entry_id}/move", responses=problems(404))
 def move(entry_id: EntryId, order: MoveOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Move an entry that waits. Only the operator with control."""
-    parts.queue.move(entry_id, order.to)
-    return parts.queue.view()
+    return parts.queue.move(entry_id, order.to)
 
 
 @router.post("/{entry_id}/remove", responses=problems(404))
 def remove(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Take an entry that does not run off the list. Only the operator with control."""
-    parts.queue.remove(entry_id)
-    return parts.queue.view()
+    return parts.queue.remove(entry_id)
 
 
 @router.post("/{entry_id}/cancel", responses=problems(404))
 def cancel(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Cancel an entry that waits; it stays in the list. Only the operator with control."""
-    parts.queue.cancel(entry_id)
-    return parts.queue.view()
+    return parts.queue.cancel(entry_id)

@@ -93,7 +93,7 @@ def recording(
     asked = {"nominal_impact_s": nominal_impact_s, "from_s": from_s, "to_s": to_s}
     told = {key: value for key, value in asked.items() if tried or value is not None}
     question = _extraction(parts, entry, replace(acceptance, **told))
-    if not (wait or question.done):
+    if not (wait or question.done()):
         return RecordingView(acceptance, None, question.share)
     return RecordingView(acceptance, _EXTRACTION.validate_python(question.answer()), 1.0)
 

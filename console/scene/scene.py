@@ -164,17 +164,14 @@ class CellFigures:
         self._object_name = ""
         self._object_pose = np.full(7, np.inf)
 
-    def hide(self) -> None:
-        """Show nothing of a ghost until arms are shown again."""
-        self._set_visible(False)
-
-    def _set_visible(self, visible: bool) -> None:
+    def set_visible(self, visible: bool) -> None:
+        """Show a ghost, or nothing of it until arms are shown again."""
         if self._root is not None and self._root.visible != visible:
             self._root.visible = visible
 
     def show_arms(self, q: Array, sides: Sequence[str] | None = None) -> None:
         """Show the arms at `q`, (arms, 7) rad. sides: of these arms, None for the cell's: no others are shown."""
-        self._set_visible(True)
+        self.set_visible(True)
         known = dict(zip(self._arms if sides is None else sides, q, strict=True))
         for side, arm in self._arms.items():
             if side in known:

@@ -40,7 +40,7 @@ class _LiveScene:
         self._experiment = ExperimentFigures(self.server.viser.scene, cell)
         self._watch, self._plans, self._player = watch, plans, ghost
         self._ghost = CellFigures(self.server.viser.scene, cell, full=False, ghost=_GHOST)  # before it is needed
-        self._ghost.hide()
+        self._ghost.set_visible(False)
         self._frame_s = 1.0 / 30.0 if detail is Detail.FULL else 1.0 / 20.0  # how often it is brought up to date
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
@@ -70,7 +70,7 @@ class _LiveScene:
     def _show_ghost(self) -> None:
         pose = self._player.pose()
         if pose is None:
-            self._ghost.hide()
+            self._ghost.set_visible(False)
             return
         q, name, placed = pose
         self._ghost.show_arms(q)

@@ -46,7 +46,7 @@ class TrialPlans:
         if job is not None and job.active:
             own = job.kind is JobKind.TRIAL and self._running is not None and self._running[0] == job.number
             plan, question = self._running[1:] if own and self._running is not None else (None, None)
-        if question is not None and question.done:
+        if question is not None and question.done():
             with suppress(Refused):
                 return plan, TrialPath(**question.answer())
         return plan, None

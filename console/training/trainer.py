@@ -134,7 +134,7 @@ class Trainer:
         self._ending.set()
 
     def _run(self, exercise: Exercise, at_s: float, job: int) -> None:
-        number, began_s, fault_s = self._newest(), None, None
+        number, began_s, fault_s = max((event.number for event in self._watch.events()), default=0), None, None
         seen, since_s = False, time.monotonic()
         while not self._ending.wait(_LOOK_S):
             status = self._watch.view.status
@@ -158,10 +158,6 @@ class Trainer:
             if late or (not now.active and (fault_s is None or exercise.action is Action.GO_ON)):
                 return self._over(exercise, job, None, fault_s)
         return None
-
-    def _newest(self) -> int:
-        events = self._watch.events()
-        return events[-1].number if events else 0
 
     def _over(self, exercise: Exercise, job: int, event: EventView | None, fault_s: float | None) -> None:
         action = Action.GO_ON if event is None else _action(event) or Action.GO_ON

@@ -12,7 +12,6 @@ is said. From then on a connection to another certificate is refused, before use
 import hashlib
 import os
 import ssl
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -219,7 +218,7 @@ class Desk:
         self._tell("/api/system:shutdown")
 
     def _read(self, path: str, optional: bool = False) -> Any:
-        answer = self._request(lambda: self._client.get(path))
+        answer = self._request("GET", path)
         if optional and answer.status_code in (401, 403, 404):
             return None
         return self._content(answer)
@@ -227,13 +226,11 @@ class Desk:
     def _tell(self, path: str, body: dict[str, Any] | None = None, slow_s: float = 0.0) -> Any:
         headers = {"X-Control-Token": self.control.token} if self.control else {}
         timeout = httpx.Timeout(_ANSWER_S, read=_ANSWER_S + slow_s)
-        return self._content(
-            self._request(lambda: self._client.post(path, json=body or {}, headers=headers, timeout=timeout))
-        )
+        return self._content(self._request("POST", path, json=body or {}, headers=headers, timeout=timeout))
 
-    def _request(self, ask: Callable[[], httpx.Response]) -> httpx.Response:
+    def _request(self, method: str, path: str, **more: Any) -> httpx.Response:
         try:
-            return ask()
+            return self._client.request(method, path, **more)
         except httpx.HTTPError as error:
             cause: BaseException | None = error
             while cause is not None:

@@ -4,6 +4,5 @@ from hal.fci.arm import FciArm
 from hal.fci.gripper import FciGripper
 from hal.fci.own_limits import ask_for_urdf, limits_in
 from hal.fci.pair import FciPair, open_pair
-from hal.fci.setup import Tool
 
-__all__ = ["FciArm", "FciGripper", "FciPair", "Tool", "ask_for_urdf", "limits_in", "open_pair"]
+__all__ = ["FciArm", "FciGripper", "FciPair", "ask_for_urdf", "limits_in", "open_pair"]

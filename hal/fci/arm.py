@@ -16,9 +16,10 @@ from hal.fci import recovery
 from hal.fci.cycle_times import CycleTimes
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.peeked_state import PeekedState, stamp_arrivals
-from hal.fci.setup import Tool, configure, tell_collisions
+from hal.fci.setup import configure, tell_collisions
 from hal.fci.sockets import give_up_after, numeric, open_sockets, shut_down
 from hal.limits import CollisionBehaviour
+from hal.pad import Pad
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 
@@ -35,7 +36,7 @@ class FciArm:
     def __init__(
         self,
         address: str,
-        tool: Tool | None = None,
+        tool: Pad | None = None,
         collisions: CollisionBehaviour | None = None,
         *,
         name: str = "arm",

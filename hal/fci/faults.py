@@ -1,6 +1,6 @@
 """pylibfranka's exceptions as hal's errors: one line, with the arm's name and address, and the vendor's error names."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pylibfranka as franka
@@ -47,9 +47,14 @@ def _remedy(text: str) -> str:
 
 
 @contextmanager
-def vendor_errors(arm: str) -> Iterator[None]:
-    """Raise hal's errors instead of pylibfranka's. For calls outside the loop: it costs too much there."""
+def vendor_errors(
+    called: str, explained: Callable[[Exception, str], HardwareError] = as_hardware_error
+) -> Iterator[None]:
+    """Raise hal's errors instead of pylibfranka's. For calls outside the loop: it costs too much there.
+
+    explained: returns the error for what is called so.
+    """
     try:
         yield
     except VENDOR as error:
-        raise as_hardware_error(error, arm) from None
+        raise explained(error, called) from None

@@ -4,15 +4,13 @@ pylibfranka keeps Python's lock while a command runs (homing, a move: seconds), 
 goes on: a process that controls arms leaves the gripper to another process.
 """
 
-import contextlib
 import socket
 import struct
-from collections.abc import Iterator
 
 import pylibfranka as franka
 
 from hal.errors import ConnectionLost, GripperAborted, GripperFailed, HardwareError, NoGripper
-from hal.fci.faults import VENDOR
+from hal.fci.faults import vendor_errors
 from hal.gripper import GripperState
 from hal.wire import CONNECT, GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 
@@ -62,36 +60,36 @@ class FciGripper:
         """Connect. Raises NoGripper, ConnectionLost, HardwareError."""
         self.address = address
         ask_for_gripper(address)
-        with self._vendor_errors():
+        with vendor_errors(self.address, _explained):
             self._gripper: franka.Gripper | None = franka.Gripper(address)
 
     def state(self) -> GripperState:
         """Return the next state. See hal.gripper.Gripper."""
-        with self._vendor_errors():
+        with vendor_errors(self.address, _explained):
             state = self._open().read_once()
         t_ns = round(1e3 * state.time.to_sec()) * 1_000_000
         return GripperState(t_ns, state.width, state.max_width, state.is_grasped, state.temperature)
 
     def homing(self) -> bool:
         """Find the largest width."""
-        with self._vendor_errors():
+        with vendor_errors(self.address, _explained):
             return self._open().homing()
 
     def move(self, width: float, speed: float) -> bool:
         """Bring the fingers to a width, m, at a speed, m/s."""
-        with self._vendor_errors():
+        with vendor_errors(self.address, _explained):
             return self._open().move(width, speed)
 
     def grasp(
         self, width: float, speed: float, force: float, epsilon_inner: float = 0.005, epsilon_outer: float = 0.005
     ) -> bool:
         """Close until a force, N, is felt, and hold on."""
-        with self._vendor_errors():
+        with vendor_errors(self.address, _explained):
             return self._open().grasp(width, speed, force, epsilon_inner, epsilon_outer)
 
     def stop(self) -> bool:
         """Let go."""
-        with self._vendor_errors():
+        with vendor_errors(self.address, _explained):
             return self._open().stop()
 
     def close(self) -> None:
@@ -103,19 +101,13 @@ class FciGripper:
             raise ConnectionLost(f"the gripper at {self.address} was closed; open it again")
         return self._gripper
 
-    @contextlib.contextmanager
-    def _vendor_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except VENDOR as error:
-            raise self._explained(error) from None
 
-    def _explained(self, error: Exception) -> HardwareError:
-        text = " ".join(str(error).removeprefix("libfranka: ").removeprefix("libfranka gripper: ").split())
-        if isinstance(error, franka.NetworkException):
-            return ConnectionLost(f"the gripper at {self.address} does not answer: {text}; check power and cable")
-        if isinstance(error, franka.CommandException) and "aborted" in text:
-            return GripperAborted(f"the gripper at {self.address}: {text} Another command or stop ended it")
-        if isinstance(error, franka.CommandException):
-            return GripperFailed(f"the gripper at {self.address}: {text} Is it homed, the width within its range?")
-        return HardwareError(f"the gripper at {self.address}: {text}")
+def _explained(error: Exception, address: str) -> HardwareError:
+    text = " ".join(str(error).removeprefix("libfranka: ").removeprefix("libfranka gripper: ").split())
+    if isinstance(error, franka.NetworkException):
+        return ConnectionLost(f"the gripper at {address} does not answer: {text}; check power and cable")
+    if isinstance(error, franka.CommandException) and "aborted" in text:
+        return GripperAborted(f"the gripper at {address}: {text} Another command or stop ended it")
+    if isinstance(error, franka.CommandException):
+        return GripperFailed(f"the gripper at {address}: {text} Is it homed, the width within its range?")
+    return HardwareError(f"the gripper at {address}: {text}")

@@ -25,9 +25,9 @@ from hal.fci.arm import FciArm
 from hal.fci.cycle_times import CycleTimes
 from hal.fci.hold import HoldThread
 from hal.fci.peeked_state import PeekedState
-from hal.fci.setup import Tool
 from hal.joint_path import JointPath, JointSpeed
 from hal.limits import CONTROL_PERIOD_S, CollisionBehaviour
+from hal.pad import Pad
 from hal.state import RobotMode
 
 # A robot without commands stops itself after 20 ms; five times that without a state is no hiccup of a network any more.
@@ -159,9 +159,6 @@ class FciPair:
         except BaseException:
             next(iter(self.arms.values())).stop()
             raise
-        self._hear_all()
-
-    def _hear_all(self) -> None:
         self._silent_s = dict.fromkeys(self.arms, 0.0)
 
     def set_collisions(self, *arms: CollisionBehaviour) -> None:
@@ -176,7 +173,7 @@ class FciPair:
         stay on the way. They begin where the robot wants them to be (q_d), which differs from where they are by the sag
         of its controller. Raises CommandRejected and ConnectionLost; then no arm moves any more.
         """
-        self._hear_all()
+        self._silent_s = dict.fromkeys(self.arms, 0.0)
         arms = self.arms
         progress = {side: _Progress() for side in arms}
         rows = {side: row for row, side in enumerate(arms)}  # of the path
@@ -318,7 +315,7 @@ class FciPair:
 def open_pair(
     left_address: str | None,
     right_address: str | None,
-    tools: tuple[Tool | None, Tool | None] = (None, None),
+    tools: tuple[Pad | None, Pad | None] = (None, None),
     collisions: CollisionBehaviour | None = None,
     *,
     shared_clock: bool = False,

@@ -1,7 +1,6 @@
 """What an arm is told before it moves: what it carries, where its end effector is, how hard it may touch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pylibfranka as franka
@@ -16,25 +15,6 @@ _MASS_TOLERANCE_KG = 1e-3
 _MOMENT_TOLERANCE_KGM = 0.01  # ours: of the centre of mass, 0.1 Nm of its weight
 
 
-@dataclass(frozen=True, slots=True)
-class Tool:
-    """What is fixed to the flange, along the flange's axes.
-
-    Mass kg, centre of mass (3,) m, inertia (3, 3) kg m^2 about it; F_T_EE (4, 4) row-major: the end effector, which is
-    also the stiffness frame K.
-    """
-
-    mass: float
-    centre: Array
-    inertia: Array
-    F_T_EE: Array
-
-    @classmethod
-    def of(cls, pad: Pad) -> "Tool":
-        """Return a pad as a robot is told of it; its outer face is the end effector."""
-        return cls(mass=pad.mass, centre=pad.F_x_centre, inertia=pad.I_centre, F_T_EE=pad.F_T_face)
-
-
 def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None:
     """Tell an idle robot its thresholds. Raises what pylibfranka raises."""
     robot.set_collision_behavior(
@@ -42,10 +22,11 @@ def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None
     )
 
 
-def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehaviour) -> None:
+def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehaviour) -> None:
     """Tell an idle robot its thresholds and, unless it is None, its tool. Raises HardwareError, and pylibfranka's.
 
-    The robot may know the tool already (as the end effector set in Desk), or nothing of it: then it is a load.
+    The tool's outer face becomes the end effector, and the stiffness frame K. The robot may know the tool already (as
+    the end effector set in Desk), or nothing of it: then it is a load.
     """
     tell_collisions(robot, collisions)
     if tool is None:
@@ -57,12 +38,12 @@ def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehav
             f"Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
             "set the tool in Desk, or no end effector"
         )
-    if told and tool.mass * np.linalg.norm(np.array(state.F_x_Cee) - tool.centre) > _MOMENT_TOLERANCE_KGM:
+    if told and tool.mass * np.linalg.norm(np.array(state.F_x_Cee) - tool.F_x_centre) > _MOMENT_TOLERANCE_KGM:
         raise HardwareError(
             f"Desk has the end effector's centre of mass at {_mm(state.F_x_Cee)} mm of the flange, the tool's is at "
-            f"{_mm(tool.centre)} mm: set the tool in Desk as the cell's file has it"
+            f"{_mm(tool.F_x_centre)} mm: set the tool in Desk as the cell's file has it"
         )
-    NE_T_EE = np.linalg.inv(np.reshape(state.F_T_NE, (4, 4)).T) @ tool.F_T_EE
+    NE_T_EE = np.linalg.inv(np.reshape(state.F_T_NE, (4, 4)).T) @ tool.F_T_face
     if np.abs(NE_T_EE - np.eye(4)).max() < _EXACT:
         NE_T_EE = np.eye(4)
     robot.set_EE(_wire(NE_T_EE))
@@ -70,7 +51,7 @@ def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehav
     if told:
         robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
     else:
-        robot.set_load(tool.mass, tool.centre.tolist(), tool.inertia.T.ravel().tolist())
+        robot.set_load(tool.mass, tool.F_x_centre.tolist(), tool.I_centre.T.ravel().tolist())
 
 
 def _mm(place: Sequence[float] | Array) -> str:

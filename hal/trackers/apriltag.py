@@ -1,19 +1,19 @@
 """AprilTags by a camera: a process that finds one tag in each picture, by OpenCV, and passes its pose on.
 
-`python -m hal.trackers.apriltag CAMERA_TOML TAG TO_HOST TO_PORT`: to a hal.tracker_link.TrackerLink, in the camera's
-optical frame (x right, y down, z ahead), with the host's time at which the picture was taken. The tag's own frame: x to
-its right, y up, z out of it, its origin in the middle. A process of its own: pictures are looked at outside the loop.
+`python -m hal.trackers.apriltag CAMERA TAG TO_HOST TO_PORT`, with a TagCamera as JSON: to a TrackerLink
+(hal.tracker_link), in the camera's optical frame (x right, y down, z ahead), with the host's time at which the picture
+was taken. The tag's own frame: x to its right, y up, z out of it, its origin in the middle. A process of its own:
+pictures are looked at outside the loop.
 """
 
 import argparse
+import json
 import socket
 import struct
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
-from hal.base.configuration import load_toml, toml_text
 from hal.tracker import TagCamera, TrackerRequest
 from hal.trackers.process import PoseSender, TrackerProcess, ready
 
@@ -103,12 +102,8 @@ def _met(picture: NDArray[np.uint8], corners: Array, remap: Callable[..., Any]) 
         return None
 
 
-def _pictures(camera: TagCamera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Yield pictures and when they were taken, time.monotonic_ns. Raises OSError at the end of the source."""
-    return _sent(camera) if camera.source.startswith("unix:") else _filmed(camera)
-
-
 def _sent(camera: TagCamera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield pictures of a program and when they were taken, time.monotonic_ns. Raises OSError at its end."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.connect(camera.source.removeprefix("unix:"))
         with connection.makefile("rb") as stream:
@@ -127,6 +122,7 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
 
 
 def _filmed(camera: TagCamera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield those of a device, as `_sent` does."""
     import cv2
 
     source = int(camera.source) if camera.source.isdecimal() else camera.source
@@ -166,21 +162,14 @@ class AprilTagTracker(TrackerProcess):
             detector(request.camera)
         except ImportError:
             raise ValueError("tags are found by OpenCV: pip install rtstack[apriltag]") from None
-        self._folder = tempfile.TemporaryDirectory(prefix="rtstack-camera-")
-        file = Path(self._folder.name) / "camera.toml"
-        file.write_text(toml_text(asdict(request.camera)), encoding="utf-8")
-        super().__init__(request, "hal.trackers.apriltag", str(file), str(request.body))
-
-    def close(self) -> None:
-        """End the process, and remove what it was told."""
-        super().close()
-        self._folder.cleanup()
+        super().__init__(request, "hal.trackers.apriltag", json.dumps(asdict(request.camera)), str(request.body))
 
 
 def watch(camera: TagCamera, tag: int, listener: tuple[str, int]) -> None:
     """Look at pictures and send the tag's poses, until the source ends. Raises OSError."""
     find, sender = detector(camera), PoseSender(listener)
-    for stamp_ns, picture in _pictures(camera):
+    pictures = _sent if camera.source.startswith("unix:") else _filmed
+    for stamp_ns, picture in pictures(camera):
         T = find(picture).get(tag)
         if T is not None:
             sender.send(stamp_ns, T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
@@ -189,12 +178,12 @@ def watch(camera: TagCamera, tag: int, listener: tuple[str, int]) -> None:
 def main() -> None:
     """Pass poses on until the process that has asked for them ends."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("camera", type=Path)
+    parser.add_argument("camera", type=json.loads)
     parser.add_argument("tag", type=int)
     parser.add_argument("to_host")
     parser.add_argument("to_port", type=int)
     options = parser.parse_args()
-    camera, said = load_toml(options.camera, TagCamera), ""
+    camera, said = TagCamera(**options.camera), ""
     detector(camera)
     ready()
     while True:

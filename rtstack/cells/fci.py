@@ -8,8 +8,9 @@ from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.errors import HardwareError
 from hal.extensions import ExtensionError, ExtensionPoint
-from hal.fci import FciPair, Tool, ask_for_urdf, limits_in, open_pair
+from hal.fci import FciPair, ask_for_urdf, limits_in, open_pair
 from hal.limits import CollisionBehaviour, OwnLimits
+from hal.pad import Pad
 from hal.tracker import ClosableTracker, TrackerRequest
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.metal import check_boxes, check_measured, check_real_cell, on_this_machine
@@ -46,10 +47,10 @@ def _addresses(kind: str, description: CellDescription) -> tuple[str, ...]:
     return tuple(given.values())
 
 
-def pad_tools(description: CellDescription) -> tuple[Tool | None, Tool | None]:
+def pad_tools(description: CellDescription) -> tuple[Pad | None, Pad | None]:
     """Return what the left and the right arm carry, as the robots are told of it, None where there is no arm."""
-    tools = dict(zip(description.sides, map(Tool.of, description.pads), strict=True))
-    return tools.get("left"), tools.get("right")
+    pads = dict(zip(description.sides, description.pads, strict=True))
+    return pads.get("left"), pads.get("right")
 
 
 def approach_collisions(description: CellDescription) -> CollisionBehaviour:

@@ -37,22 +37,21 @@ stands still while no arm moves: nothing begins then, and what is active goes on
 a client that is sent no state of one arm is still waited for on the other arm.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from hal.base.arrays import Seven
+from pydantic import Field
+
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import ARM_STATE, RobotMode
-from sim_robot.scene import Vector3
 
-LARGEST_FORCE_N = 1000.0
-LARGEST_TORQUE_NM = 200.0
-LARGEST_FACTOR = 100.0
-SMALLEST_MASS_FACTOR = 0.01
-LARGEST_TILT_DEG = 20.0  # steeper, it would slide off its wedge
-LARGEST_STALL_MS = 60_000.0
-LARGEST_ACCELERATION = 100.0  # m/s^2
+_Force = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+_Torque = Annotated[float, Field(ge=-200.0, le=200.0)]
+_Torques = tuple[_Torque, _Torque, _Torque, _Torque, _Torque, _Torque, _Torque]
+_Factor = Annotated[float, Field(ge=0.0, le=100.0)]
+_Acceleration = Annotated[float, Field(ge=-100.0, le=100.0)]
+_LONGEST_MS = 60_000.0
 
 KINDS: dict[str, type["Effect"]] = {}
 
@@ -60,53 +59,39 @@ KINDS: dict[str, type["Effect"]] = {}
 @dataclass(frozen=True)
 class Effect:
     """What goes wrong; its fields are the kind's own keys. of_an_arm: it names an arm; lasts: it has a duration;
-    of_the_link: it needs the Franka Control Interface; bounds: of all of its numbers."""
+    of_the_link: it needs the Franka Control Interface."""
 
     kind: ClassVar[str]
     of_an_arm: ClassVar[bool]
     lasts: ClassVar[bool]
     of_the_link: ClassVar[bool]
-    bounds: ClassVar[tuple[float, float]]
 
     def __init_subclass__(
-        cls,
-        kind: str,
-        bounds: tuple[float, float] = (0.0, 0.0),
-        of_an_arm: bool = True,
-        lasts: bool = True,
-        of_the_link: bool = False,
+        cls, kind: str, of_an_arm: bool = True, lasts: bool = True, of_the_link: bool = False
     ) -> None:
-        cls.kind, cls.bounds, cls.of_an_arm, cls.lasts, cls.of_the_link = kind, bounds, of_an_arm, lasts, of_the_link
+        cls.kind, cls.of_an_arm, cls.lasts, cls.of_the_link = kind, of_an_arm, lasts, of_the_link
         KINDS[kind] = cls
 
-    def __post_init__(self) -> None:
-        lowest, largest = self.bounds
-        for each in fields(self):
-            given = getattr(self, each.name)
-            for value in given if isinstance(given, tuple) else (given,):
-                if not lowest <= value <= largest:
-                    raise ValueError(f"{each.name} must be within {lowest:g} and {largest:g}, got {value:g}")
-
 
 @dataclass(frozen=True)
-class Push(Effect, kind="push", bounds=(-LARGEST_FORCE_N, LARGEST_FORCE_N)):
+class Push(Effect, kind="push"):
     """A force on the pad's face, along the world's axes."""
 
-    force_N: Vector3
+    force_N: tuple[_Force, _Force, _Force]
 
 
 @dataclass(frozen=True)
-class JointPush(Effect, kind="joint_push", bounds=(-LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)):
+class JointPush(Effect, kind="joint_push"):
     """An outer torque on the joints."""
 
-    torque_Nm: Seven
+    torque_Nm: _Torques
 
 
 @dataclass(frozen=True)
-class Slip(Effect, kind="slip", bounds=(0.0, LARGEST_FACTOR)):
+class Slip(Effect, kind="slip"):
     """The pad loses its grip."""
 
-    friction_factor: float
+    friction_factor: _Factor
 
 
 class ObjectLost(Effect, kind="object_lost", of_an_arm=False, lasts=False):
@@ -114,33 +99,31 @@ class ObjectLost(Effect, kind="object_lost", of_an_arm=False, lasts=False):
 
 
 @dataclass(frozen=True)
-class ObjectMass(Effect, kind="object_mass", bounds=(SMALLEST_MASS_FACTOR, LARGEST_FACTOR), of_an_arm=False):
+class ObjectMass(Effect, kind="object_mass", of_an_arm=False):
     """The object is heavier or lighter than it looks."""
 
-    mass_factor: float
+    mass_factor: Annotated[float, Field(ge=0.01, le=100.0)]
 
 
 @dataclass(frozen=True)
-class ObjectTilted(
-    Effect, kind="object_tilted", bounds=(-LARGEST_TILT_DEG, LARGEST_TILT_DEG), of_an_arm=False, lasts=False
-):
+class ObjectTilted(Effect, kind="object_tilted", of_an_arm=False, lasts=False):
     """Something lies under the object: its sides are not upright. Positive: the left arm's edge is the higher one."""
 
-    tilt_deg: float
+    tilt_deg: Annotated[float, Field(ge=-20.0, le=20.0)]  # steeper, it would slide off its wedge
 
 
 @dataclass(frozen=True)
-class FrictionChange(Effect, kind="friction_change", bounds=(0.0, LARGEST_FACTOR)):
+class FrictionChange(Effect, kind="friction_change"):
     """The joints run more smoothly, or bind."""
 
-    friction_factor: float
+    friction_factor: _Factor
 
 
 @dataclass(frozen=True)
-class TauSensorBias(Effect, kind="tau_sensor_bias", bounds=(-LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)):
+class TauSensorBias(Effect, kind="tau_sensor_bias"):
     """The joint torque sensors are off."""
 
-    bias_Nm: Seven
+    bias_Nm: _Torques
 
 
 @dataclass(frozen=True)
@@ -155,10 +138,10 @@ class Reflex(Effect, kind="reflex"):
 
 
 @dataclass(frozen=True)
-class BaseShaken(Effect, kind="base_shaken", bounds=(-LARGEST_ACCELERATION, LARGEST_ACCELERATION)):
+class BaseShaken(Effect, kind="base_shaken"):
     """What the arm stands on is shaken, or the accelerometer in its base is broken."""
 
-    acceleration: Vector3
+    acceleration: tuple[_Acceleration, _Acceleration, _Acceleration]
 
 
 class UserStop(Effect, kind="user_stop"):
@@ -213,10 +196,10 @@ class StateNan(Effect, kind="state_nan"):
 
 
 @dataclass(frozen=True)
-class TimeBack(Effect, kind="time_back", bounds=(1.0, LARGEST_STALL_MS)):
+class TimeBack(Effect, kind="time_back"):
     """The robot's clock jumps back. libfranka takes no notice of a state that is older than the last one."""
 
-    back_ms: float
+    back_ms: Annotated[float, Field(ge=1.0, le=_LONGEST_MS)]
 
 
 class StatesLost(Effect, kind="states_lost", of_the_link=True):
@@ -232,10 +215,10 @@ class Disconnect(Effect, kind="disconnect", lasts=False, of_the_link=True):
 
 
 @dataclass(frozen=True)
-class Stall(Effect, kind="stall", bounds=(0.0, LARGEST_STALL_MS), of_an_arm=False, lasts=False, of_the_link=True):
+class Stall(Effect, kind="stall", of_an_arm=False, lasts=False, of_the_link=True):
     """The server stands still."""
 
-    stall_ms: float
+    stall_ms: Annotated[float, Field(ge=0.0, le=_LONGEST_MS)]
 
 
 class TrackerLost(Effect, kind="tracker_lost", of_an_arm=False):

@@ -165,26 +165,23 @@ class DrivenBox(ControlBox):
         own = self.mode == RobotMode.MOVE and self._controller != Controller.EXTERNAL
         return own or super().desires_torque
 
-    def begin_millisecond(self, on_time: bool) -> None:
+    def begin_millisecond(self) -> None:
         """Begin a ms of the plant, which is one of this box's too unless it has its own clock."""
         if not self.own_clock:
-            self._begin(on_time)
+            self.sample()
 
     def sample(self) -> None:
-        """Begin a ms of this box's own clock: what it applies, the plant feels from its next ms on."""
-        self._begin(on_time=True)
+        """Begin a ms of this box; by its own clock: what it applies, the plant feels from its next ms on."""
+        if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # it needs no command each ms
+            joint_motion.approach_target(self._motion)
+            self._waiting = True
+        super().begin_millisecond()
 
     @property
     def sampled_torque(self) -> np.ndarray | None:
         """The client's torque (7,) that counts by this box's own clock; None without one of either."""
         client = self.own_clock and self._controller == Controller.EXTERNAL and self.desires_torque
         return self._tau if client else None
-
-    def _begin(self, on_time: bool) -> None:
-        if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # it needs no command each ms
-            joint_motion.approach_target(self._motion)
-            self._waiting = on_time = True
-        super().begin_millisecond(on_time)
 
     def _torques(self) -> np.ndarray:
         tau = np.zeros(7)

@@ -135,8 +135,8 @@ def test_fits_of_points_that_were_overtaken_are_not_made(page):
         real = built(CELL, np.random.default_rng(seed), Wrongness(pad_m=0.0))
         save_points(path, touched_points(CELL, real, 3e-4))
         asked.append(served.parts.questions.ask("calibration", path, "2026-01-01"))
-    assert sum(question.done for question in asked) >= 4  # two are begun, another one where these have not yet
-    assert not asked[-1].done
+    assert sum(question.done() for question in asked) >= 4  # two are begun, another one where these have not yet
+    assert not asked[-1].done()
 
 
 def test_what_is_too_coarse_is_not_written(page):

@@ -15,8 +15,6 @@ def test_the_panel_follows_both_boxes(tmp_path):
     with serve("--lockstep", "--desk") as served:
         left, right = map(desk_address, (served.left, served.right))
         watch = DeskWatch({"left": left, "right": right}, trust)
-        assert [view.line for view in watch.views] == ["not asked yet", "not asked yet"]
-        watch.start()
         wait_for(lambda: "was not used before: run `rtstack desk status`" in watch.views[0].line)
         with contextlib.closing(desk_of(served.left, trust)) as desk:
             wait_for(
@@ -33,6 +31,5 @@ def test_the_panel_follows_both_boxes(tmp_path):
 
 def test_a_cell_without_desk_asks_for_nothing():
     watch = DeskWatch({"left": "", "right": ""})
-    watch.start()
     watch.close()
     assert watch.views == ()

@@ -289,7 +289,7 @@ def test_a_restart_finds_the_queue_paused_and_what_ran_is_not_run_again(tmp_path
     assert (view.entries[0].reason, view.running) == (INTERRUPTED, False)
     assert again.next() == view.entries[1]
     with pytest.raises(Refused, match="room for"):
-        again.add(QueueOrder(trial(), 200), "") or [again.add(QueueOrder(trial(), 200), "") for _ in range(3)]
+        assert not [again.add(QueueOrder(trial(), 200), "") for _ in range(4)]
     assert len(again.view().entries) == len(Queue(file).view().entries) <= MAX_ENTRIES
     file.write_text(json.dumps([{"id": 1}]))
     with pytest.raises(Refused, match="remove the file to begin with an empty queue"):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hal.errors import CommandRejected, ConnectionLost, HardwareError
-from hal.fci import FciArm, FciPair, Tool
+from hal.fci import FciArm, FciPair
 from hal.fci.faults import names_in
 from hal.pad import Pad
 from hal.state import ARM_STATE, RobotMode
@@ -21,7 +21,7 @@ from rtstack.cells.simulator import Simulator
 from sim_robot.cell import simulated_cell
 from tests.support.fci.server import serve
 
-PAD = Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.03))
+PAD = Pad((0.1, 0.1, 0.03), 0.35, 0.03)
 STEP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
 
 
@@ -189,14 +189,14 @@ def test_the_pad_is_told_once_and_another_tool_is_refused(simulator: Simulator):
     assert known.read().O_T_EE[2, 3] == pytest.approx(0.26, abs=1e-3)
     known.close()
     with pytest.raises(HardwareError, match=r"Desk has an end effector of 0\.350 kg, the tool weighs 0\.700 kg"):
-        FciArm(simulator.right, Tool.of(Pad((0.1, 0.1, 0.03), 0.70, 0.03)))
+        FciArm(simulator.right, Pad((0.1, 0.1, 0.03), 0.70, 0.03))
 
 
 def test_an_end_effector_elsewhere_moves_the_pose(simulator: Simulator):
     pose = FciArm(simulator.left, PAD)
     face = pose.read().O_T_EE.copy()
     pose.close()
-    further = FciArm(simulator.left, Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.05)))
+    further = FciArm(simulator.left, Pad((0.1, 0.1, 0.03), 0.35, 0.05))
     assert np.linalg.inv(face) @ further.read().O_T_EE == pytest.approx(
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1]]), abs=1e-6
     )

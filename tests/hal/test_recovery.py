@@ -8,7 +8,7 @@ import pytest
 
 from hal.cell import Cell
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
-from hal.fci import FciPair, Tool, open_pair
+from hal.fci import FciPair, open_pair
 from hal.pad import Pad
 from hal.state import RobotMode
 from hal.tracker_link import NoTracker
@@ -16,7 +16,7 @@ from rtstack.cells.simulator import Simulator
 from rtstack.live.idle import IdleView
 from rtstack.log.ring import Rings
 
-PAD = Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.03))
+PAD = Pad((0.1, 0.1, 0.03), 0.35, 0.03)
 
 
 def trip(pair: FciPair) -> None:

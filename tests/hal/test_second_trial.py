@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from hal.cell import Cell
-from hal.fci import Tool, open_pair
+from hal.fci import open_pair
 from hal.pad import Pad
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.run_context import RunContext
@@ -13,7 +13,7 @@ from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.trial import prepare_trial, run_trial
 
-PAD = Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.03))
+PAD = Pad((0.1, 0.1, 0.03), 0.35, 0.03)
 
 
 def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(simulator: Simulator, cell, demonstration):

@@ -21,7 +21,6 @@ from typing import Any
 import pytest
 
 from hal.cell import Cell
-from hal.fci import Tool
 from hal.tracker_link import TrackerLink
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.check.host import host_findings
@@ -172,7 +171,7 @@ def open_arms(
             host, _, port = robot.tracker.rpartition(":")
             pad, tracker = cell.pad, TrackerLink(host, int(port))
             try:
-                pair = robot.pair(Tool.of(pad))
+                pair = robot.pair(pad)
             except BaseException:
                 tracker.close()
                 raise

@@ -10,6 +10,7 @@ from rtstack.safety.judge import Judgement
 from rtstack.safety.limits import HARDWARE, NAMES, SafetyLimits
 from rtstack.samples import ARM_SAMPLE
 from sim_robot.cell import simulated_cell
+from tests.support.plant_object import object_pose
 from tests.support.safety.reachable_limits import LIMITS, cases
 from tests.support.safety.recorded_trial import Recorded, empty_places, judges_of, read_recorded, replay
 
@@ -77,7 +78,7 @@ def test_a_stop_keeps_hold_of_the_box_without_throwing_it(recorded, cell, stock,
             assert verdict is Judgement.PASS or k >= HELD_TICK
             arm.write(samples[side]["tau_applied"][0])
         if k >= HELD_TICK:
-            heights.append(plant.plant.object_pose()[0][2])
+            heights.append(object_pose(plant.plant)[0][2])
             fastest = max(fastest, float(np.abs(samples["dq"]).max()))
     assert all(judge.stopping for judge in pair)
     assert pair[0].interventions + pair[1].interventions == 1

@@ -18,6 +18,7 @@ from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import FaultNeedsLink, faults_in, load_faults
 from sim_robot.faults.kinds import KINDS
 from sim_robot.scene import load_scene
+from tests.support.plant_object import object_pose
 from tests.support.spring_grip import SpringGrip
 
 STIFFNESS, DAMPING = np.array([200.0] * 4 + [50.0] * 3), np.array([20.0] * 4 + [3.0] * 3)
@@ -144,7 +145,7 @@ def test_an_empty_cell_has_no_object_from_the_start_nor_after_somebody_has_tidie
         cell.plant.put_object_back()
         hold(cell, 150)
         assert not cell.tracker.latest().record["seen"][0]
-        assert cell.plant.object_pose()[0][0] > 1.0
+        assert object_pose(cell.plant)[0][0] > 1.0
 
 
 def test_an_object_weighs_what_the_script_says() -> None:
@@ -160,9 +161,9 @@ def test_an_object_weighs_what_the_script_says() -> None:
 @pytest.mark.parametrize("tilt_deg", [15.0, -15.0])
 def test_a_tilted_object_stands_on_its_wedge(tilt_deg: float) -> None:
     cell = faulty_cell({"kind": "object_tilted", "tilt_deg": tilt_deg})
-    begin = cell.plant.object_pose()
+    begin = object_pose(cell.plant)
     hold(cell, 1000)
-    position, (w, x, y, z) = cell.plant.object_pose()
+    position, (w, x, y, z) = object_pose(cell.plant)
     assert np.degrees(2.0 * np.arctan2(x, w)) == pytest.approx(tilt_deg, abs=0.3)
     assert np.hypot(y, z) < 5e-3
     assert position == pytest.approx(begin[0], abs=2e-3)
@@ -179,7 +180,7 @@ def test_the_first_contact_sets_the_time() -> None:
             grip.run(1e-3)
             touching = np.linalg.norm(cell.states["O_F_ext_hat_K"][:, :3], axis=1).max() > 2.0
             first = tick if first is None and touching else first
-            if cell.plant.object_pose()[0][0] > 1.0:
+            if object_pose(cell.plant)[0][0] > 1.0:
                 break
         assert first is not None
         times.append((first, tick))
@@ -374,7 +375,7 @@ GOOD = '[[fault]]\nkind = "push"\narm = "left"\nat_s = 1\nforce_N = [1, 2, 3]\n'
         (GOOD + '[[fault]]\nkind = "shove"\n', r":7: fault 2: unknown kind 'shove'; choose one of push, "),
         (GOOD.replace("force_N", "force"), r":5: fault 1 \(push\): unknown key 'force'; its keys are kind, .*force_N"),
         (GOOD.replace("[1, 2, 3]", "[1, 2]"), r":5: fault 1 \(push\): key force_N.2: Field required"),
-        (GOOD.replace("[1, 2, 3]", "[1, 2, 2e3]"), r":5: .*force_N must be within -1000 and 1000, got 2000"),
+        (GOOD.replace("[1, 2, 3]", "[1, 2, 2e3]"), r":5: .*key force_N.2: Input should be less than or equal to 1000"),
         (GOOD.replace("[1, 2, 3]", "[1, 2, nan]"), r":5: .*force_N\.2: Input should be a finite number"),
         (GOOD.replace("at_s = 1", "at_s = 0x" + 9000 * "f"), r":1: fault 1 \(push\): "),
         (GOOD.replace("[1, 2, 3]", "[0x" + 9000 * "f" + ", 2, 3]"), r":5: .*Exceeds the limit"),

@@ -11,6 +11,7 @@ from sim_robot.cell import simulated_cell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
+from tests.support.plant_object import object_pose
 from tests.support.spring_grip import SpringGrip
 
 
@@ -47,7 +48,7 @@ def test_the_pads_are_as_stiff_as_the_scene_says() -> None:
 def test_a_grip_that_is_too_weak_leaves_the_box_on_the_table() -> None:
     """Friction is finite: two pads at 4 N carry 7 N of the box's 12."""
     cell = simulated_cell("rice_box", 0.0, seed=3)
-    start = cell.plant.object_pose()[0]
+    start = object_pose(cell.plant)[0]
     lifted = SpringGrip(cell, press_n=4.0).run(3.0)
     pads = cell.plant.data.xpos[[cell.plant.model.body(f"{side}_pad").id for side in ("left", "right")]]
     assert pads[:, 2].min() > start[2]

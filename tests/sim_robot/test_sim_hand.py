@@ -15,6 +15,7 @@ from sim_robot.hand_parameters import FrankaHand
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import Scene, load_scene
+from tests.support.plant_object import object_pose
 
 SCENE = Path(str(files("sim_robot") / "scenes" / "hand.toml"))
 BLOCK_M = 0.05
@@ -124,22 +125,22 @@ def lift(one: SimulatedCell) -> None:
 
 def test_what_is_grasped_is_lifted_and_falls_when_the_hand_stops() -> None:
     one, hand = held()
-    start = one.plant.object_pose()[0][2]
+    start = object_pose(one.plant)[0][2]
     lift(one)
-    assert one.plant.object_pose()[0][2] - start > 0.05
+    assert object_pose(one.plant)[0][2] - start > 0.05
     assert hand.is_grasped
     assert carry_out(one, hand.stop()) is Outcome.SUCCESS
     assert not hand.is_grasped
     for _ in range(600):
         one.next_state()
-    assert one.plant.object_pose()[0][2] - start < 0.03
+    assert object_pose(one.plant)[0][2] - start < 0.03
 
 
 def test_what_is_between_fingers_that_do_not_press_stays_on_the_table() -> None:
     one, _ = homed()
-    start = one.plant.object_pose()[0][2]
+    start = object_pose(one.plant)[0][2]
     lift(one)
-    assert one.plant.object_pose()[0][2] == pytest.approx(start, abs=1e-3)
+    assert object_pose(one.plant)[0][2] == pytest.approx(start, abs=1e-3)
 
 
 @pytest.mark.parametrize(("width", "inner", "outer"), [(0.03, 0.005, 0.005), (0.07, 0.005, 0.005), (0.05, 0.0, 0.0)])
@@ -262,10 +263,10 @@ def written(tmp_path: Path, table: str) -> Path:
 @pytest.mark.parametrize(
     ("table", "complaint"),
     [
-        ("max_speed = 0.0", "key left.hand: max_speed must be positive, got 0.0"),
+        ("max_speed = 0.0", "key left.hand.max_speed: Input should be greater than 0"),
         ("start_width = 0.09", "start_width must not exceed max_width, 0.08, got 0.09"),
         ("strength = 3.0", "hand.strength: Unexpected keyword"),
-        ("inertia = [0.0, 1.0, 1.0]", "inertia must be positive"),
+        ("inertia = [0.0, 1.0, 1.0]", "hand.inertia.0: Input should be greater than 0"),
     ],
 )
 def test_a_hand_that_is_none_is_refused_by_its_key(tmp_path: Path, table: str, complaint: str) -> None:

@@ -90,7 +90,7 @@ def turned(cell: SimulatedCell, side: int, joint: int, tau: float, ticks: int) -
                 other.write(command if other is arm else np.zeros(7))
                 if other is arm:
                     fastest = max(fastest, abs(float(state.dq[joint - 1])))
-    return fastest, cell.boxes[side].error_names
+    return fastest, error_names(cell.boxes[side].errors)
 
 
 def test_a_simulated_panda_stops_itself_at_its_own_velocity(tmp_path: Path) -> None:

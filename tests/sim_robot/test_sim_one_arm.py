@@ -20,6 +20,7 @@ from sim_robot.profile import load_profile
 from sim_robot.scene import SIDES, load_scene
 from tests.support.built_cell import profile
 from tests.support.fci.server import addresses
+from tests.support.plant_object import object_pose
 
 SCENES = Path(__file__).parents[2] / "sim_robot" / "scenes"
 PARAMETERS = load_plant_parameters()
@@ -108,10 +109,10 @@ def test_one_arm_pushes_the_object(side: str) -> None:
     outwards = 1.0 if side == "left" else -1.0
     scene = SCENE.only((side,))
     plant = Plant.nominal(scene, PARAMETERS, "rice_box", 0.185 * outwards)
-    start = plant.object_pose()[0]
+    start = object_pose(plant)[0]
     _turned(plant, scene.arms[0].home, 0.0, -0.15 * outwards)
     assert f"{side}_pad" in contacts(plant)
-    assert outwards * (plant.object_pose()[0] - start)[1] < -0.02
+    assert outwards * (object_pose(plant)[0] - start)[1] < -0.02
     assert np.abs(plant.motors["tau_ext"]).max() > 0.5
     assert not plant.put_object_back()  # the pad stands in its place, and touches it
     assert not plant.away
@@ -122,15 +123,15 @@ def test_an_object_in_whose_place_a_pad_stands_is_off_the_table_meanwhile(side: 
     outwards = 1.0 if side == "left" else -1.0
     scene = SCENE.only((side,))
     plant = Plant.nominal(scene, PARAMETERS, "rice_box", 0.185 * outwards)
-    start = plant.object_pose()[0]
+    start = object_pose(plant)[0]
     plant.data.qpos[plant.first_of_object + 1] -= 0.35 * outwards  # where a push has left it
     _turned(plant, scene.arms[0].home, 0.0, -0.15 * outwards)
     assert not plant.put_object_back()
     _turned(plant, scene.arms[0].home, -0.15 * outwards, 0.0)
-    assert plant.object_pose()[0][0] > 5.0
+    assert object_pose(plant)[0][0] > 5.0
     assert plant.put_object_back()
     plant.advance()
-    assert plant.object_pose()[0] == pytest.approx(start, abs=1e-3)
+    assert object_pose(plant)[0] == pytest.approx(start, abs=1e-3)
 
 
 @one_side
@@ -144,7 +145,7 @@ def test_beside_a_missing_arm_the_edge_of_the_table_is_the_limit(side: str) -> N
     empty = simulated_cell("none", 0.0, 0, sides=(side,))
     for _ in range(20):
         empty.arms[0].read()
-    assert empty.plant.object_pose()[0][0] > 5.0
+    assert object_pose(empty.plant)[0][0] > 5.0
     assert not empty.tracker.latest().record["seen"][0]
 
 

@@ -10,6 +10,7 @@ from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.scene import load_scene
 from tests.support.nominal_cell import nominal_cell
+from tests.support.plant_object import object_pose
 from tests.support.rigid_arm import RigidArm
 
 
@@ -153,5 +154,5 @@ def test_the_tracker_sees_the_object_at_250_hz() -> None:
         assert np.linalg.norm(pose.orientation_wxyz) == pytest.approx(1.0)
     assert np.array_equal(np.unique(times), np.arange(0, 400, 4) * 1_000_000)
     frames = np.array(positions)[::4]
-    assert frames.mean(axis=0) == pytest.approx(cell.plant.object_pose()[0], abs=2e-4)
+    assert frames.mean(axis=0) == pytest.approx(object_pose(cell.plant)[0], abs=2e-4)
     assert frames[20:].std(axis=0) == pytest.approx(np.full(3, 1e-4), rel=0.3)

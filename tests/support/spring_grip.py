@@ -5,6 +5,7 @@ import pinocchio as pin
 
 from sim_robot.cell import SimulatedCell
 from sim_robot.scene import load_scene
+from tests.support.plant_object import object_pose
 from tests.support.rigid_arm import RigidArm
 
 STIFFNESS = np.diag([1000.0, 1000.0, 2000.0, 30.0, 30.0, 30.0])
@@ -31,7 +32,7 @@ class SpringGrip:
                 state = arm.read()
                 arm.write(self._torque(side, inwards, state.q, state.record["dq"][0]))
             self.time_s += 1e-3
-            positions.append(cell.plant.object_pose()[0])
+            positions.append(object_pose(cell.plant)[0])
         return np.array(positions)
 
     def _torque(self, side: int, inwards: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.robot_errors import error_bit
+from hal.robot_errors import error_bit, error_names
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, LoadPolicy
@@ -15,6 +15,7 @@ from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import faults_in
+from tests.support.plant_object import object_pose
 
 OBJECT = "rice_box"
 CARRIED_TICKS = 3300  # of the shared demonstration: the object is in the air
@@ -35,7 +36,7 @@ class Act:
 
 def height(plant: SimulatedCell, cell: CellDescription) -> float:
     """How far the object's lower face is above the table, m."""
-    place, _ = plant.plant.object_pose()
+    place, _ = object_pose(plant.plant)
     return place[2] - cell.objects[OBJECT].size[2] / 2.0 - cell.table.top_z
 
 
@@ -123,7 +124,7 @@ def test_after_a_lost_process_the_robots_hold_it(cell, demonstration):
         plant.next_state()
     assert before > 0.1
     assert height(plant, cell) == pytest.approx(before, abs=0.02)
-    assert {name for box in plant.boxes for name in box.error_names} == {"communication_constraints_violation"}
+    assert {name for box in plant.boxes for name in error_names(box.errors)} == {"communication_constraints_violation"}
 
 
 # a value that is no number, for one tick: the judge stops

@@ -14,6 +14,7 @@ from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, HandMotion, MoveSpecification
 from sim_robot.cell import simulated_cell
+from tests.support.plant_object import object_pose
 from tests.support.runs import StopAfter
 
 LIFTED_TICKS = 3300  # of the scripted demonstration: the object is in the air, carried
@@ -60,7 +61,7 @@ def test_an_object_where_a_pad_starts_is_a_line_before_anything_moves(simulated,
 
 def height(plant, description):
     """How far the object's lower face is above the table, m."""
-    place, _ = plant.plant.object_pose()
+    place, _ = object_pose(plant.plant)
     return place[2] - description.objects[OBJECT].size[2] / 2.0 - description.table.top_z
 
 
@@ -83,12 +84,12 @@ def test_what_is_held_is_put_down_after_a_stop_and_the_arms_go_to_the_start(simu
 
     with pytest.raises(TrialError, match="nothing is held"):
         asked(HandMotion.PUT_DOWN, description, cell)
-    before, _ = plant.plant.object_pose()
+    before, _ = object_pose(plant.plant)
     before = np.array(before)
     assert asked(HandMotion.START, description, cell).success
     for arm, mounting in ((cell.left, description.left), (cell.right, description.right)):
         np.testing.assert_allclose(arm.read().q, mounting.home, atol=0.03)
-    np.testing.assert_allclose(plant.plant.object_pose()[0], before, atol=1e-3)  # nothing was touched on the way
+    np.testing.assert_allclose(object_pose(plant.plant)[0], before, atol=1e-3)  # nothing was touched on the way
     assert asked(HandMotion.OPEN, description, cell).success
 
 

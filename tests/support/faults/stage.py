@@ -15,7 +15,7 @@ import numpy as np
 import psutil
 
 from hal.cell import Cell
-from hal.fci import FciPair, Tool, open_pair
+from hal.fci import FciPair, open_pair
 from rtstack.cells.simulator import Simulator
 from rtstack.control.tick import CellController
 from rtstack.loop import watchdogs
@@ -98,7 +98,7 @@ class Stage:
         self._stack.callback(self.mailbox.close)
         self.signs = Signs(self.mailbox)
         self._stack.callback(self.signs.close)
-        self._tool = Tool.of(description.pad)
+        self._tool = description.pad
         self._profile = profile
         self._clocks, self.apart = tuple(clocks), bool(clocks)
         self.simulator = self._simulator(script)

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from hal.fci import FciPair, Tool, open_pair
+from hal.fci import FciPair, open_pair
+from hal.pad import Pad
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +21,6 @@ class Robot:
         """As the command line spells it."""
         return f"fci:{self.left},{self.right}"
 
-    def pair(self, tool: Tool | None = None) -> FciPair:
+    def pair(self, tool: Pad | None = None) -> FciPair:
         """Connect to both arms."""
         return open_pair(self.left, self.right, (tool, tool), shared_clock=self.simulated)
