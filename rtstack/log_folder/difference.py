@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rtstack.log.reader import Log
-from rtstack.log_folder.catalogue import values_of
+from rtstack.log.writing.job import values_of
 
 _ASKED = "trial.specification."
 

@@ -4,7 +4,6 @@ Everything that trials share (cell, references, what is compiled) is kept from o
 killed between log and row, the row is made of the log alone.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
@@ -15,6 +14,7 @@ from rtstack.cells import with_profile
 from rtstack.experiments.experiment import CellRun, Row
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
+from rtstack.log.writing.job import values_of
 from rtstack.loop.history import Columns
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.demonstrations import LOGS, RECORDINGS, Bench, Reference, campaign_record
@@ -89,16 +89,7 @@ def row_of_log(bench: Bench, path: Path, trial: Trial, columns: Mapping[str, Any
     about, metadata, recorded = (log.metadata.get(name, {}) for name in ("campaign", "trial", "result"))
     if about.get("id") != trial.id or about.get("digest") != bench.digest or not recorded:
         return None
-    result = {name: _value(text, columns[name]) for name, text in recorded.items() if name in columns}
+    known = {name: text for name, text in recorded.items() if name in columns}
+    result = known | values_of({name: text for name, text in known.items() if columns[name] is not str})
     origin = {"git_commit": metadata.get("git_commit", "unknown"), "digest": bench.digest}
     return _row(bench, trial, result, log_columns(log)) | origin | {"wall_s": None, "worker": None}
-
-
-def _value(text: str, kind: Any) -> Any:
-    """Return a value of a log's record, where all are texts, as the column of the results has it."""
-    if kind is str:
-        return text
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text  # a reason in words
