@@ -6,8 +6,8 @@ import shutil
 import sqlite3
 import sys
 import typing
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
@@ -224,12 +224,22 @@ def _identity(experiment: Experiment[Any, Any]) -> dict[str, str]:
 def _read(database: Path) -> tuple[dict[str, str], set[str]]:
     """Return what `claim` noted and the columns. Raises TrialError."""
     try:
-        connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
-        try:
+        with closing(sqlite3.connect(f"file:{database}?mode=rw", uri=True)) as connection:
             about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
             columns = {name for (name,) in connection.execute("SELECT name FROM pragma_table_info('results')")}
-        finally:
-            connection.close()
     except sqlite3.Error as error:
         raise TrialError(f"{database} cannot be read ({error}): choose another folder") from None
     return about, columns
+
+
+@contextmanager
+def campaign_database(folder: Path) -> Iterator[sqlite3.Connection]:
+    """Give the database of a campaign's folder. Raises TrialError where it has none, or where that cannot be read."""
+    database = folder / DATABASE
+    if not database.exists():
+        raise TrialError(f"{folder} is no campaign's folder: it has no {DATABASE}")
+    try:
+        with closing(sqlite3.connect(database)) as connection:
+            yield connection
+    except sqlite3.Error as error:
+        raise TrialError(f"{database} cannot be read: {error}") from None
