@@ -10,6 +10,7 @@ setpoints of arms that were led by hand, and the twin answers its torques.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -119,11 +120,8 @@ class LoggedRun:
             folder = Path(name)
             description = _description(self.log, folder)
             context = RunContext(kept, stop=LoggedStop(self.columns) if outside else None)
-            cell = opened(folder, description)
-            try:
+            with closing(opened(folder, description)) as cell:
                 RUNS[self.kind](self.log, self.asked, description, cell, context, folder)
-            finally:
-                cell.close()
         assert kept.columns is not None
         return kept.columns
 

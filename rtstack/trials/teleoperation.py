@@ -10,6 +10,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import count
 
@@ -259,9 +260,6 @@ def run_policy(
     """
     if cell.own_clocks:
         raise TrialError(f"the cell {cell.name} does not wait for a policy: start rtstack up, and give --console")
-    mailbox = Mailbox.create(f"rtstack-policy-{os.getpid()}-{next(_NUMBERS)}")
-    try:
+    with closing(Mailbox.create(f"rtstack-policy-{os.getpid()}-{next(_NUMBERS)}")) as mailbox:
         host = PolicyHost(policy, mailbox, specification.job, rate_hz, longest_s, delay_s)
         return run_teleoperation(specification, description, cell, mailbox, context, clock=host.clock, host=host)
-    finally:
-        mailbox.close()
