@@ -63,7 +63,7 @@ def animate(path: Path, target: Path, first_s: float, last_s: float) -> None:
         kind="simulated", position=tuple(EYE), orientation_wxyz=_looking(EYE, CENTRE), width=WIDTH, height=HEIGHT,
         rate_hz=rate_hz, fov_y_deg=40.0,
     )  # fmt: skip
-    described = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    described = log.attachment("cell.toml")
     try:
         with TemporaryDirectory() as folder:
             cell_file = default_cell_file()

@@ -173,7 +173,7 @@ def _difference(side: str, name: str, logged: NDArray, replayed: NDArray) -> Dif
 def _description(log: Log, folder: Path) -> CellDescription:
     """Return the cell's description that is attached to the log, with the law that the log names; one without a name
     was made with M + B_theta. Raises TrialError."""
-    attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    attached = log.attachment("cell.toml")
     if attached is None:
         raise TrialError(f"{log.path}: no description of its cell is attached")
     path = folder / "cell.toml"

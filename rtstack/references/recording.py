@@ -48,7 +48,7 @@ _FEWEST_HELD = 50  # ticks
 
 def described_in(log: Log) -> CellDescription | None:
     """Return the cell by the file that is attached to a log; None where it has none, or one of another version."""
-    attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    attached = log.attachment("cell.toml")
     try:
         return from_document(tomllib.loads((attached or b"").decode()), CellDescription, str(log.path))
     except (ConfigurationError, ValueError):
