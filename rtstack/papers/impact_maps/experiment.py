@@ -2,7 +2,7 @@
 along them, then trials.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
@@ -56,8 +56,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         for name in (SWEEPS, RECORDINGS, LOGS):
             (self.request.out / name).mkdir(exist_ok=True)
         yield from self._identify()
-        not_identified: dict[FreeRuns, str] = {}
-        yield from self._identify_along(not_identified)
+        not_identified = yield from self._identify_along()
         yield from self._plan_references(not_identified)
 
     def _identify(self) -> Stages:
@@ -90,8 +89,8 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
             text = friction_toml(identification.file(self.description.name, robot))
             (out / friction_file(robot)).write_text(text, encoding="utf-8")
 
-    def _identify_along(self, not_identified: dict[FreeRuns, str]) -> Stages:
-        """Make what is missing of the runs along the references; adds what could not be made, and why."""
+    def _identify_along(self) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
+        """Make what is missing of the runs along the references; return what could not be made, and why."""
         from rtstack.papers.impact_maps.reference import identify_along
         from rtstack.papers.impact_maps.worker import SWEEPS
 
@@ -101,7 +100,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
             Task(file, identify_along, (self._bench, one, plan.scenario(one.motion), plan.identification_runs))
             for file, one in missing.items()
         ])  # fmt: skip
-        not_identified.update({missing[file]: reason for file, reason in failed.items()})
+        return {missing[file]: reason for file, reason in failed.items()}
 
     def _plan_references(self, not_identified: dict[FreeRuns, str]) -> Stages:
         """Plan what is missing; a reference along which nothing could be identified is refused, too."""
