@@ -151,16 +151,20 @@ class Recording:
         return demonstrated_impact(m["q"], m["dq"], m["force"], self.impact, self.release, excluded, self.period_s)
 
 
+def reference_log(path: Path) -> Log:
+    """Read a log that references are made of. Raises ReferenceError with one line."""
+    try:
+        return read_log(path)
+    except LogError as error:
+        raise ReferenceError(str(error)) from None
+
+
 def load_recording(
     path: Path, arms: Sequence[ArmController], detector: DetectorParameters, period_s: float,
     sides: Sequence[str] = SIDES,
 ) -> Recording:  # fmt: skip
     """Read a recording of the arms of these sides and find its impact. Raises ReferenceError with one line."""
-    try:
-        log = read_log(path)
-    except LogError as error:
-        raise ReferenceError(str(error)) from None
-    return recording_of(log, arms, detector, period_s, sides=sides)
+    return recording_of(reference_log(path), arms, detector, period_s, sides=sides)
 
 
 def recording_of(
