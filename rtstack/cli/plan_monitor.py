@@ -57,8 +57,7 @@ def plan_monitor(
             )
             run = _run(planned, specification, description, cell_file)
             good.append(Recorded(run, recording.object, name, place_mm, specification.seed))
-            if progress is not None:
-                progress((k + 1) / runs)
+            progress((k + 1) / runs)
     used, held_out = split(good)
     parameters = tune([record.run for record in used], SENSITIVITY)
     found = check([record.run for record in held_out], parameters)

@@ -72,8 +72,7 @@ def plot(
     logs = []
     with progress_bar("reading", True) as show:
         for number, path in enumerate(paths):
-            if show is not None:
-                show(number / len(paths))
+            show(number / len(paths))
             logs.append(figure_log(path, wanted))
     if align:
         logs = aligned(logs)

@@ -21,7 +21,7 @@ _LONGEST_NAME = 28  # an operator's is 40
 def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
     """Make a complete log of one that was cut off. The original stays as it is."""
     with progress_bar("recovering", True) as show:
-        summary = recover_log(log, progress=(lambda done, total: show(done / total)) if show else None)
+        summary = recover_log(log, progress=lambda done, total: show(done / total))
     if summary.complete:
         typer.echo(f"{log} is complete: nothing to recover")
         return
