@@ -58,7 +58,11 @@ class Store:
         """Open or create the table of an experiment's columns. Raises TrialError where another program works here."""
         self.out = out
         columns = self._columns = stored(columns)
-        self._lock = _lock_of(out)
+        self._lock = ExitStack()
+        try:
+            self._lock.enter_context(locked(out / ".lock", wait=False))
+        except BlockingIOError:
+            raise TrialError(f"another campaign is running in {out}: wait for it, or choose another folder") from None
         self._database = sqlite3.connect(out / DATABASE)
         self._database.row_factory = sqlite3.Row
         self._database.execute("PRAGMA journal_mode=WAL")
@@ -169,15 +173,6 @@ class Store:
 
     def _row(self, row: sqlite3.Row) -> Row:
         return {name: bool(row[name]) if kind is bool else row[name] for name, kind in self._columns.items()}
-
-
-def _lock_of(out: Path) -> ExitStack:
-    held = ExitStack()
-    try:
-        held.enter_context(locked(out / ".lock", wait=False))
-    except BlockingIOError:
-        raise TrialError(f"another campaign is running in {out}: wait for it, or choose another folder") from None
-    return held
 
 
 def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
