@@ -37,14 +37,6 @@ class CellRequest:
     led: bool = False
 
 
-def _nothing(_argument: str, _description: CellDescription, _file: Path | None) -> None:
-    """Refuse nothing."""
-
-
-def _real(_argument: str, _description: CellDescription) -> bool:
-    return False
-
-
 @dataclass(frozen=True, slots=True)
 class CellKind:
     """What a package offers: how a cell of a kind is opened.
@@ -56,9 +48,9 @@ class CellKind:
     """
 
     open: Callable[[CellRequest], Cell]
-    check: Callable[[str, CellDescription, Path | None], None] = _nothing
-    simulated: Callable[[str, CellDescription], bool] = _real
-    measured: Callable[[str, CellDescription, Path | None], None] = _nothing
+    check: Callable[[str, CellDescription, Path | None], None] = lambda argument, description, file: None
+    simulated: Callable[[str, CellDescription], bool] = lambda argument, description: False
+    measured: Callable[[str, CellDescription, Path | None], None] = lambda argument, description, file: None
 
 
 SIMULATED = ("direct", "lockstep", "realtime")  # ours; behind the colon stands the profile of the simulated robot

@@ -1,5 +1,6 @@
 """The arms of a log as they moved, as an animated picture: the simulated camera looks at the log."""
 
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -62,23 +63,20 @@ def animate(path: Path, target: Path, first_s: float, last_s: float) -> None:
         kind="simulated", position=tuple(EYE), orientation_wxyz=_looking(EYE, CENTRE), width=WIDTH, height=HEIGHT,
         rate_hz=rate_hz, fov_y_deg=40.0,
     )  # fmt: skip
-    described = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
-    folder = TemporaryDirectory()
+    described = log.attachment("cell.toml")
     try:
-        cell_file = default_cell_file()
-        if described is not None:
-            cell_file = Path(folder.name) / "cell.toml"
-            cell_file.write_bytes(described)
-        request = CameraRequest("", camera, cast(Rings, rings), cell_file, str(trial.get("object", "")))
-        eye = CAMERAS.load("simulated")(request)
-        try:
+        with TemporaryDirectory() as folder:
+            cell_file = default_cell_file()
+            if described is not None:
+                cell_file = Path(folder) / "cell.toml"
+                cell_file.write_bytes(described)
+            request = CameraRequest("", camera, cast(Rings, rings), cell_file, str(trial.get("object", "")))
             pictures = []
-            while (picture := eye.read()) is not None:
-                pixels = picture[1]
-                pixels[(pixels == 0).all(axis=2)] = BACKGROUND  # where MuJoCo has drawn nothing
-                pictures.append(Image.fromarray(pixels))
-        finally:
-            eye.close()
+            with closing(CAMERAS.load("simulated")(request)) as eye:
+                while (picture := eye.read()) is not None:
+                    pixels = picture[1]
+                    pixels[(pixels == 0).all(axis=2)] = BACKGROUND  # where MuJoCo has drawn nothing
+                    pictures.append(Image.fromarray(pixels))
         if not pictures:
             raise LogError(f"{path}: no samples of its arms in this part of it")
         duration_ms = round(1e3 / rate_hz / pace)
@@ -87,8 +85,6 @@ def animate(path: Path, target: Path, first_s: float, last_s: float) -> None:
         )
     except OSError as error:
         raise LogError(f"cannot write {target}: {error.strerror}" if error.strerror else str(error)) from None
-    finally:
-        folder.cleanup()
 
 
 def _looking(eye: NDArray[np.float64], centre: NDArray[np.float64]) -> tuple[float, float, float, float]:

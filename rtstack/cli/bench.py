@@ -1,5 +1,6 @@
 """`rtstack bench`: what this machine makes of the stack."""
 
+from contextlib import closing
 from dataclasses import replace
 from json import dumps
 from pathlib import Path
@@ -74,11 +75,8 @@ def bench_link(
     description, source = load_description(cell_file, cell)
     hold = HoldToRun(cell, description, source)
     opened = open_cell(cell, next(iter(description.objects)), 0.0, 0, description, cell_file=source)
-    try:
-        with interruptible() as stop, hold.held("hold of the arms", stop):
-            _print(bench_link(opened, ticks, description, stop).as_dict(), json)
-    finally:
-        opened.close()
+    with closing(opened), interruptible() as stop, hold.held("hold of the arms", stop):
+        _print(bench_link(opened, ticks, description, stop).as_dict(), json)
 
 
 def _print(values: dict[str, object], json: bool) -> None:

@@ -168,13 +168,11 @@ def _refuse_in_use(addresses: Mapping[str, str], cell_file: Path | None) -> None
     if cell_file is not None:
         arms |= {arm.address for arm in description.arms}
     for socket in running_stacks():
-        client = RobotClient(socket)
         try:
-            state = client.status()
+            with closing(RobotClient(socket)) as client:
+                state = client.status()
         except (RobotRefused, RobotUnreachable):
             continue
-        finally:
-            client.close()
         used = set(state.cell.partition(":")[2].split(","))
         if used & arms and state.phase not in (Phase.DISARMED, Phase.FAULT):
             raise TrialError(f"a stack has these arms and is {state.phase} ({socket}): disarm it first")

@@ -1,6 +1,7 @@
 """The arms of a cell, held softly by `rtstack check`: whether they stay, what they feel, and how good the link is."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -37,12 +38,11 @@ def link_findings(
 
     Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run).
     """
-    cell: Cell | None = None
     try:
         hold = HoldToRun(kind, description, cell_file or default_cell_file())
-        cell = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
         what = f"hold of the {' and '.join(description.sides)} arm for {ticks * 1e-3:g} s"
-        with interruptible() as stop, hold.held(what, stop):
+        opened = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
+        with closing(opened) as cell, interruptible() as stop, hold.held(what, stop):
             found = held_findings(cell, ticks, description, stop)
         return found + [
             Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
@@ -52,9 +52,6 @@ def link_findings(
         return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
     except HardwareError as error:
         return [Finding("link", "broken", "fail", str(error), "no motion")]
-    finally:
-        if cell is not None:
-            cell.close()
 
 
 def held_findings(

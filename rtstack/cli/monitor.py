@@ -131,8 +131,7 @@ def _good_runs(paths: Sequence[Path], description: "CellDescription", progress) 
         place = float(specification["displacement_mm"])
         name = Path(specification["reference"]).stem
         runs.append(Recorded(good, thing, name, place, int(specification["seed"])))
-        if progress is not None:
-            progress((k + 1) / len(paths))
+        progress((k + 1) / len(paths))
     return runs
 
 

@@ -6,6 +6,7 @@ be from that only runs can say: sensors, friction, placement and what vibrates a
 object stands where it may stand in any trial, up to SHIFTED_MM from its place along y.
 """
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +57,7 @@ def plan_monitor(
             )
             run = _run(planned, specification, description, cell_file)
             good.append(Recorded(run, recording.object, name, place_mm, specification.seed))
-            if progress is not None:
-                progress((k + 1) / runs)
+            progress((k + 1) / runs)
     used, held_out = split(good)
     parameters = tune([record.run for record in used], SENSITIVITY)
     found = check([record.run for record in held_out], parameters)
@@ -79,12 +79,9 @@ def _run(
     assert reference.impact is not None  # of a grab
     prepared = PreparedTrial(specification, description, parameters, reference, limits_of_arms(description))
     log = RunSamples(Path(specification.reference))
-    cell = open_cell("direct", thing, place_mm * 1e-3, seed, description, cell_file=cell_file)
-    try:
-        with interruptible() as stop:
-            result = run_trial(prepared, cell, RunContext(log, stop=stop, watchdogs=(Parent(),)))
-    finally:
-        cell.close()
+    opened = open_cell("direct", thing, place_mm * 1e-3, seed, description, cell_file=cell_file)
+    with closing(opened) as cell, interruptible() as stop:
+        result = run_trial(prepared, cell, RunContext(log, stop=stop, watchdogs=(Parent(),)))
     if stop.stop_requested:
         raise KeyboardInterrupt
     if not result.success or log.columns is None:

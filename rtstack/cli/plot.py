@@ -14,6 +14,7 @@ import typer
 
 from rtstack.cli.progress import progress_bar
 from rtstack.log.errors import LogError
+from rtstack.log.writing.job import texts, values_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,8 +73,7 @@ def plot(
     logs = []
     with progress_bar("reading", True) as show:
         for number, path in enumerate(paths):
-            if show is not None:
-                show(number / len(paths))
+            show(number / len(paths))
             logs.append(figure_log(path, wanted))
     if align:
         logs = aligned(logs)
@@ -139,12 +139,8 @@ def _facts(path: Path) -> Mapping[str, str]:
 
 def settings(trial: Mapping[str, str]) -> dict[str, str]:
     """Return what a trial's specification says, a line each, from its JSON; nothing where there is none."""
-    try:
-        specification = json.loads(trial.get("specification", "{}"))
-    except ValueError:
-        return {}
-    values = specification.items() if isinstance(specification, dict) else ()
-    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in values}
+    specification = values_of(trial).get("specification")
+    return texts(specification) if isinstance(specification, dict) else {}
 
 
 def _web_page(figure: "Figure", logs: "Sequence[FigureLog]", title: str, facts: Mapping[str, str]) -> str:

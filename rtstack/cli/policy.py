@@ -9,7 +9,6 @@ import numpy as np
 import typer
 
 from hal.displacement import Displacement
-from hal.extensions import ExtensionError
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.options import CellFile, Json, LogOut, ObjectName, Seed, ShiftX, ShiftY, Yaw
 from rtstack.trials.errors import TrialError
@@ -61,16 +60,13 @@ def policy(
 
 
 def open_policy(name: str, rate_hz: float) -> "Policy":
-    """Return an open policy by NAME[:ARGUMENT]. Raises TrialError with one line."""
+    """Return an open policy by NAME[:ARGUMENT]. Raises TrialError or ExtensionError with one line."""
     from rtstack.teleoperation.policy import FASTEST_HZ, POLICIES, SLOWEST_HZ
 
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise TrialError(f"--rate-hz {rate_hz:g}: a policy is asked {SLOWEST_HZ} to {FASTEST_HZ} times a second")
     name, _, argument = name.partition(":")
-    try:
-        return POLICIES.load(name)(argument)
-    except ExtensionError as error:
-        raise TrialError(str(error)) from None
+    return POLICIES.load(name)(argument)
 
 
 def _run_at_console(name: str, rate_hz: float, console: str, token: str) -> None:

@@ -9,10 +9,10 @@ LINE_S = 20.0  # between two lines: what takes less says nothing
 
 
 @contextmanager
-def progress_bar(label: str, shown: bool) -> Iterator[Callable[[float], None] | None]:
-    """Yield a function that takes the done fraction, or None where it is not shown."""
+def progress_bar(label: str, shown: bool) -> Iterator[Callable[[float], None]]:
+    """Yield a function that takes the done fraction, and shows it where that is wanted."""
     if not shown:
-        yield None
+        yield lambda fraction: None
         return
     if not sys.stderr.isatty():
         yield Lines(label)

@@ -1,6 +1,7 @@
 """`rtstack recover` a log that was cut off; `rtstack recover-arms`, the way out of a fault without starting anew."""
 
 import getpass
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +21,7 @@ _LONGEST_NAME = 28  # an operator's is 40
 def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
     """Make a complete log of one that was cut off. The original stays as it is."""
     with progress_bar("recovering", True) as show:
-        summary = recover_log(log, progress=(lambda done, total: show(done / total)) if show else None)
+        summary = recover_log(log, progress=lambda done, total: show(done / total))
     if summary.complete:
         typer.echo(f"{log} is complete: nothing to recover")
         return
@@ -50,18 +51,16 @@ def _recover_stack(socket: Path | None) -> None:
     from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, only_stack
 
     socket = socket or only_stack("--stack SOCKET")
-    client = RobotClient(socket)
     try:
-        status = client.status()
-        typer.echo(f"{status.cell}: {status.phase}" + (f": {status.reason}" if status.reason else ""))
-        status = client.recover(_operator())
-        typer.echo(f"{status.cell}: {status.phase}: take control and arm to go on")
+        with closing(RobotClient(socket)) as client:
+            status = client.status()
+            typer.echo(f"{status.cell}: {status.phase}" + (f": {status.reason}" if status.reason else ""))
+            status = client.recover(_operator())
+            typer.echo(f"{status.cell}: {status.phase}: take control and arm to go on")
     except RobotRefused as error:
         fail(str(error))
     except RobotUnreachable as error:
         raise TrialError(f"{socket}: {error}") from None
-    finally:
-        client.close()
 
 
 def _recover_pair(kind: str) -> None:
@@ -70,17 +69,15 @@ def _recover_pair(kind: str) -> None:
     from rtstack.cells.fci import fci_addresses
 
     addresses = fci_addresses(kind)
-    pair = open_pair(addresses.get("left"), addresses.get("right"))
     try:
-        for arm in pair.arms.values():
-            names = arm.reflex()
-            typer.echo(f"{arm.address}: " + (f"in reflex: {', '.join(names)}" if names else "in no reflex"))
-        for line in pair.recover():
-            typer.echo(line)
+        with closing(open_pair(addresses.get("left"), addresses.get("right"))) as pair:
+            for arm in pair.arms.values():
+                names = arm.reflex()
+                typer.echo(f"{arm.address}: " + (f"in reflex: {', '.join(names)}" if names else "in no reflex"))
+            for line in pair.recover():
+                typer.echo(line)
     except RecoveryRefused as error:
         fail(str(error))
-    finally:
-        pair.close()
 
 
 def _operator() -> str:

@@ -4,7 +4,6 @@ It takes control over from the person who has armed the arms, and never arms the
 *Go on*, which removes the file `pause.txt` from the campaign's folder.
 """
 
-import json
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -21,6 +20,7 @@ from rtstack.live.shown_cell import shown_cell
 from rtstack.live.source import described_as
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
+from rtstack.log.writing.job import values_of
 from rtstack.safety.arming import Phase
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
@@ -199,11 +199,4 @@ def _result(log: Path, kind: type[Result], job: Job) -> Result:
         raise TrialError(str(error)) from None
     if not record:
         raise TrialError(job.reason or f"{log.name} has no result")
-    return kind(**{name: _value(text) for name, text in record.items()})
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text  # words
+    return kind(**values_of(record))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hal.extensions import ExtensionError
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.options import ObjectName
@@ -45,10 +44,7 @@ def teleoperate(
 
     name, _, argument = device.partition(":")
     operator = Operator(console, token)
-    try:
-        factory = DEVICES.load(name)
-    except ExtensionError as error:
-        raise TrialError(str(error)) from None
+    factory = DEVICES.load(name)
     with closing(operator), interruptible() as stop:
         operator.post("take")
         operator.post("arm")

@@ -85,16 +85,13 @@ class ModeMachine:
         if impact and self.impact_s < 0.0:
             self.impact_s = t_s
         if self.strategy in _BY_TIME:
-            self._on_time(t_s)
+            if self.mode is _ANTE and t_s >= self.nominal_impact_s:
+                self._enter_post()
         else:
             self._on_impact(t_s, complete)
         if self.strategy is _NO_VELOCITY_FEEDBACK:
             around = abs(t_s - self.nominal_impact_s) <= self.parameters.interim_s
             self.velocity_weight = 0.0 if around else 1.0
-
-    def _on_time(self, t_s: float) -> None:
-        if self.mode is _ANTE and t_s >= self.nominal_impact_s:
-            self._enter_post()
 
     def _on_impact(self, t_s: float, complete: bool) -> None:
         if self.mode is _ANTE:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.base.arrays import Array
 from hal.compilation import bound
 from rtstack.control.completion import CompletionDetector
 from rtstack.control.controller import ArmLaw
@@ -137,6 +138,15 @@ class ArmController:
         """Compute kinematics, dynamics, external force, residual and impact of the state in `sample`."""
         self.model.update(self._q, self._dq)
         self.impact = self._observe()
+
+    def observed_at(self, q: Array, dq: Array | None = None) -> np.void:
+        """Observe the arm at q (7,) rad and dq (7,) rad/s, by default as in `sample`; return its workspace. Never in a
+        tick."""
+        self._q[:] = q
+        if dq is not None:
+            self._dq[:] = dq
+        self.observe()
+        return self.workspace[0]
 
     def in_contact(self, t_s: float, other: "ArmController | None") -> bool:
         """Whether this arm's pad, as last observed, is in lasting contact. Evaluated in each tick that waits for it.

@@ -63,24 +63,23 @@ class Admission:
         for address in sorted(set(workers) - self._known):
             self._known.add(address)
             try:
-                self._admit(address)
+                refusal = self._admit(address)
             except Exception as error:  # whatever a worker of another version answers
                 reason = " ".join(f"{type(error).__name__}: {error}".split())
-                self.refused[address] = f"the worker at {address} cannot say its version ({reason}): it gets no trials"
-                lines.append(self.refused[address])
-                continue
-            if address in self.refused:
-                lines.append(self.refused[address])
+                refusal = f"the worker at {address} cannot say its version ({reason}): it gets no trials"
+            if refusal:
+                self.refused[address] = refusal
+                lines.append(refusal)
         return lines
 
-    def _admit(self, address: str) -> None:
-        theirs = self._ask(address, present)
-        different = self._version.difference(theirs)
+    def _admit(self, address: str) -> str:
+        """Give a worker trials; return why it gets none, "" where it does."""
+        different = self._version.difference(self._ask(address, present))
         if different is not None:
-            self.refused[address] = f"the worker at {address} has {different}: it gets no trials"
-            return
+            return f"the worker at {address} has {different}: it gets no trials"
         self.refused.pop(address, None)
         self.slots += self._ask(address, _give_ticket, _ticket(self._version))
+        return ""
 
     def _ask(self, address: str, function: Callable[..., Any], *arguments: str) -> Any:
         """Have a worker call a function of ours, and return what it says. Raises whatever goes wrong there."""

@@ -1,6 +1,5 @@
 """The log of a case, which is the truth: a row is made of it on arms, and after a program that was killed."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.log.writing.job import values_of
 
 
 def case_log(path: Path, case: Case, digest: str) -> Log | None:
@@ -32,15 +32,5 @@ def row_of(experiment: Experiment[Any, Any], case: Case, path: Path) -> Row | No
 
 def recorded_result(log: Log, columns: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the log's record `result` has of these columns, name -> type."""
-    recorded = log.metadata["result"]
-    return {name: _value(text, columns[name]) for name, text in recorded.items() if name in columns}
-
-
-def _value(text: str, kind: Any) -> Any:
-    """Return a value of a log's record, where all are texts, as the column of the results has it."""
-    if kind is str:
-        return text
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text  # a reason in words
+    known = {name: text for name, text in log.metadata["result"].items() if name in columns}
+    return known | values_of({name: text for name, text in known.items() if columns[name] is not str})

@@ -11,7 +11,7 @@ from typing import Any
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.report import NUMBERS, Table
 from rtstack.experiments.statistics import Interval, plain_mean
-from rtstack.experiments.store import DATABASE, OF_THE_HOST, PROVENANCE
+from rtstack.experiments.store import OF_THE_HOST, PROVENANCE, campaign_database
 from rtstack.trials.errors import TrialError
 
 
@@ -94,18 +94,9 @@ def compare(first: Path, second: Path) -> Comparison:
 
 
 def _rows(folder: Path) -> dict[str, Row]:
-    database = folder / DATABASE
-    if not database.exists():
-        raise TrialError(f"{folder} is no campaign's folder: it has no {DATABASE}")
-    try:
-        connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
+    with campaign_database(folder) as connection:
         connection.row_factory = sqlite3.Row
-        try:
-            return {row["id"]: dict(row) for row in connection.execute("SELECT * FROM results")}
-        finally:
-            connection.close()
-    except sqlite3.Error as error:
-        raise TrialError(f"{database} cannot be read: {error}") from None
+        return {row["id"]: dict(row) for row in connection.execute("SELECT * FROM results")}
 
 
 def _column(name: str, pairs: Sequence[tuple[Any, Any]]) -> ColumnDifference:

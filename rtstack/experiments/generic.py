@@ -18,14 +18,11 @@ def mean_table(title: str, rows: Sequence[Row], by: Sequence[str], columns: Mapp
     """Return a line for each combination of values of the columns `by`: how many rows, and the mean of each column with
     its 95 % interval. columns: name -> heading. A column of truth values is shown as a share, %.
     """
+    shares = {name for name in columns if any(isinstance(row[name], bool) for row in rows)}
     lines = []
     for key, group in _groups(rows, by).items():
-        means = (_mean(group, name) for name in columns)
-        shares = (_is_share(rows, name) for name in columns)
-        cells = [
-            shown(mean, " %", 0, 100.0) if share else shown(mean, "", 3)
-            for mean, share in zip(means, shares, strict=True)
-        ]
+        means = ((name, _mean(group, name)) for name in columns)
+        cells = [shown(mean, " %", 0, 100.0) if name in shares else shown(mean, "", 3) for name, mean in means]
         lines.append([*map(_word, key), str(len(group)), *cells])
     headings = (*(name.replace("_", " ") for name in by), "n", *columns.values())
     return Table(title, headings, lines, numbers_from=len(by))
@@ -82,10 +79,6 @@ def _mean(rows: Sequence[Row], name: str) -> Interval | None:
     if values and all(isinstance(value, bool) for value in values):
         return proportion(sum(values), len(values))
     return plain_mean(values) if values else None
-
-
-def _is_share(rows: Sequence[Row], name: str) -> bool:
-    return any(isinstance(row[name], bool) for row in rows)
 
 
 def _word(value: Any) -> str:

@@ -65,11 +65,9 @@ def invoke(
         page = write_report(report, experiment, store, rows)
         if host is not None:
             done, drift = store.attempts(), schedule_of(experiment.specification).drift
-            report = replace(
-                _beside_simulation(report, experiment, client),
-                figures=(*report.figures, *attempts.figures(done, drift)),
-            )
-            report = replace(report, tables=(*attempts.tables(done, drift), *report.tables))
+            report = _beside_simulation(report, experiment, client)
+            figures = (*report.figures, *attempts.figures(done, drift))
+            report = replace(report, figures=figures, tables=(*attempts.tables(done, drift), *report.tables))
             page = write_report(report, experiment, store, rows)
     return Invocation(report, page, tally, at_once)
 

@@ -6,7 +6,6 @@ datapackage.json is a Frictionless Data Package, which readers in many languages
 import csv
 import hashlib
 import json
-import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 from hal.base.files import write_whole
 from rtstack.experiments.page import PAGE
 from rtstack.experiments.report import NUMBERS
-from rtstack.experiments.store import ATTEMPTS, DATABASE, RESULTS, TIMES
+from rtstack.experiments.store import ATTEMPTS, DATABASE, RESULTS, TIMES, campaign_database
 from rtstack.trials.errors import TrialError
 
 SUMS, README, DESCRIPTION = "SHA256SUMS", "README.md", "datapackage.json"
@@ -34,20 +33,11 @@ def pack(folder: Path, progress: Callable[[float], None] | None = None) -> Path:
     progress: called with the share of the files whose checksum is known. Raises TrialError with one line where the
     folder is no campaign's or has no report yet.
     """
-    database = folder / DATABASE
-    if not database.exists():
-        raise TrialError(f"{folder} is no campaign's folder: it has no {DATABASE}")
-    if not (folder / PAGE).exists():
-        raise TrialError(f"{folder} has no report yet: run its campaign to the end with --resume")
-    try:
-        connection = sqlite3.connect(database)
-        try:
-            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")  # all is in the one file
-            about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
-        finally:
-            connection.close()
-    except sqlite3.Error as error:
-        raise TrialError(f"{database} cannot be read: {error}") from None
+    with campaign_database(folder) as connection:
+        if not (folder / PAGE).exists():
+            raise TrialError(f"{folder} has no report yet: run its campaign to the end with --resume")
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")  # all is in the one file
+        about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
     tables = {name: _schema(folder / name) for name in _WORDS if (folder / name).exists()}
     write_whole(folder / DESCRIPTION, json.dumps(_description(about, tables), indent=1) + "\n")
     write_whole(folder / README, _readme(about, tables))

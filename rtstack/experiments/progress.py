@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -117,9 +117,5 @@ def campaign_progress(out: Path, told: Callable[[str], None] = lambda text: None
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
     shown = Bar(*columns, console=Console(stderr=True), transient=True) if sys.stderr.isatty() else None
-    with shown or nullcontext():
-        progress = Progress(out, shown, told)
-        try:
-            yield progress
-        finally:
-            progress.close()
+    with shown or nullcontext(), closing(Progress(out, shown, told)) as progress:
+        yield progress

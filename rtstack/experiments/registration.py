@@ -15,9 +15,8 @@ from pydantic.dataclasses import dataclass as checked
 from hal.base.configuration import STRICT, ConfigurationError
 from rtstack.experiments.claims import Claim, ClaimStatus
 
-PLAN_DIGEST = (
-    "plan_digest"  # what a store calls the digest of the plan's file when its first result was about to be made
-)
+# what a store calls the digest of the plan's file when its first result was about to be made
+PLAN_DIGEST = "plan_digest"
 UNDIGESTED = ("claims", "registration", "on_cell")  # keys of a plan on which no row depends
 
 

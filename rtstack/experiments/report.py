@@ -161,9 +161,7 @@ def _figures(report: Report) -> list[Figure]:
 
 def _part(part: Section) -> dict[str, Any]:
     tables = [asdict(table) for table in part.tables]
-    return {"name": part.name, "claims": [_claim(claim) for claim in part.claims], "tables": tables} | dict(
-        part.numbers
-    )
+    return {"name": part.name, "claims": [_claim(claim) for claim in part.claims], "tables": tables, **part.numbers}
 
 
 def _claim(claim: Claim) -> dict[str, str]:

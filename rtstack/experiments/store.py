@@ -6,11 +6,10 @@ import shutil
 import sqlite3
 import sys
 import typing
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from hal.base.files import locked
@@ -59,7 +58,11 @@ class Store:
         """Open or create the table of an experiment's columns. Raises TrialError where another program works here."""
         self.out = out
         columns = self._columns = stored(columns)
-        self._lock = _lock_of(out)
+        self._lock = ExitStack()
+        try:
+            self._lock.enter_context(locked(out / ".lock", wait=False))
+        except BlockingIOError:
+            raise TrialError(f"another campaign is running in {out}: wait for it, or choose another folder") from None
         self._database = sqlite3.connect(out / DATABASE)
         self._database.row_factory = sqlite3.Row
         self._database.execute("PRAGMA journal_mode=WAL")
@@ -75,9 +78,7 @@ class Store:
     def __enter__(self) -> "Store":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -174,15 +175,6 @@ class Store:
         return {name: bool(row[name]) if kind is bool else row[name] for name, kind in self._columns.items()}
 
 
-def _lock_of(out: Path) -> ExitStack:
-    held = ExitStack()
-    try:
-        held.enter_context(locked(out / ".lock", wait=False))
-    except BlockingIOError:
-        raise TrialError(f"another campaign is running in {out}: wait for it, or choose another folder") from None
-    return held
-
-
 def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
     """Raise TrialError where the request's folder cannot be this campaign's. Nothing is written."""
     out, logs = experiment.request.out, experiment.request.logs
@@ -224,12 +216,22 @@ def _identity(experiment: Experiment[Any, Any]) -> dict[str, str]:
 def _read(database: Path) -> tuple[dict[str, str], set[str]]:
     """Return what `claim` noted and the columns. Raises TrialError."""
     try:
-        connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
-        try:
+        with closing(sqlite3.connect(f"file:{database}?mode=rw", uri=True)) as connection:
             about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
             columns = {name for (name,) in connection.execute("SELECT name FROM pragma_table_info('results')")}
-        finally:
-            connection.close()
     except sqlite3.Error as error:
         raise TrialError(f"{database} cannot be read ({error}): choose another folder") from None
     return about, columns
+
+
+@contextmanager
+def campaign_database(folder: Path) -> Iterator[sqlite3.Connection]:
+    """Give the database of a campaign's folder. Raises TrialError where it has none, or where that cannot be read."""
+    database = folder / DATABASE
+    if not database.exists():
+        raise TrialError(f"{folder} is no campaign's folder: it has no {DATABASE}")
+    try:
+        with closing(sqlite3.connect(database)) as connection:
+            yield connection
+    except sqlite3.Error as error:
+        raise TrialError(f"{database} cannot be read: {error}") from None

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -94,8 +94,7 @@ def distant_workers(address: str) -> Iterator[Client]:
                 raise TrialError(
                     f"the scheduler at {address} has no workers: start some with `dask worker {address} --nthreads 1`"
                 ) from None
-            client.admission = Admission(client)
-            try:
+            with closing(Admission(client)) as client.admission:
                 if not client.admission.slots:
                     raise TrialError(
                         f"no worker of the scheduler at {address} has our version: "
@@ -103,8 +102,6 @@ def distant_workers(address: str) -> Iterator[Client]:
                     )
                 client.admission.begin()
                 yield client
-            finally:
-                client.admission.close()
         finally:
             client.close(timeout=END_S)
 

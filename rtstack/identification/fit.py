@@ -64,9 +64,7 @@ def joint_samples(columns: Columns, side: int, sweep: Sweep, arm: ArmController)
     ticks = np.flatnonzero(within)[::EVERY]
     inertia, gravity, feedback = (np.empty(len(ticks)) for _ in range(3))
     for i, k in enumerate(ticks):
-        arm.sample["q"][0], arm.sample["dq"][0] = samples["q"][k], dq[k]
-        arm.observe()
-        work = arm.workspace[0]
+        work = arm.observed_at(samples["q"][k], dq[k])
         row = work["M"][sweep.joint]
         inertia[i], gravity[i] = row[sweep.joint], work["gravity"][sweep.joint]
         feedback[i] = tau[k] - row @ ddq[k] - work["coriolis"][sweep.joint]

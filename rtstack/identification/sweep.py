@@ -160,11 +160,9 @@ def _check_room(description: CellDescription, targets: NDArray, what: str) -> No
 
 
 def _centre(arm: ArmController, home: Array, side: str) -> Array:
-    arm.sample["q"][0] = home
-    arm.observe()
-    point = np.zeros(1, POINT)
-    point["rotation"][0] = arm.workspace["rotation"][0]
-    x, y, _ = arm.workspace["position"][0]
+    work, point = arm.observed_at(home), np.zeros(1, POINT)
+    point["rotation"][0] = work["rotation"]
+    x, y, _ = work["position"]
     point["position"][0] = x, np.copysign(CENTRE_Y, y), CENTRE_Z
     point["xi"] = home[arm.parameters.posture_joint]
     return posture(arm, home, point[0], side)
@@ -175,9 +173,7 @@ def _follow(arm: ArmController, q: Array, period_s: float, points: NDArray) -> N
     dq = np.gradient(q, period_s, axis=0)
     joint = arm.parameters.posture_joint
     for i in range(len(q)):
-        arm.sample["q"][0], arm.sample["dq"][0] = q[i], dq[i]
-        arm.observe()
-        work = arm.workspace[0]
+        work = arm.observed_at(q[i], dq[i])
         points["position"][i], points["rotation"][i], points["twist"][i] = (
             work["position"], work["rotation"], work["twist"],
         )  # fmt: skip

@@ -94,6 +94,10 @@ class Log:
             for record in records[np.argsort(records["t_ns"], kind="stable")]
         )
 
+    def attachment(self, name: str) -> bytes | None:
+        """Return the content of the file that is attached under a name, None where there is none."""
+        return next((each.data for each in self.attachments if each.name == name), None)
+
     def topic(self, name: str) -> NDArray[Any]:
         """Return all records of a topic of rtstack.topics.TOPICS, shape (n,), in the order of the file.
 

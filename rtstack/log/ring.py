@@ -249,10 +249,6 @@ class Rings:
         """Records that the smallest ring holds."""
         return int(self._capacities.min())
 
-    def published(self, topic: str) -> int:
-        """Return how many records were pushed to a topic."""
-        return int(self._topics["head"][list(TOPICS).index(topic)])
-
     def lost(self, topic: str) -> int:
         """Return how many records of a topic the log process has lost."""
         return int(self._topics["lost"][list(TOPICS).index(topic)])

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import Metadata
@@ -44,17 +43,6 @@ class LogEntry:
     size_bytes: int
     modified_s: float
     condition: LogCondition
-
-
-def values_of(metadata: Mapping[str, str] | None) -> dict[str, Any]:
-    """Return the values of a metadata record, text or what its JSON says; none for None."""
-    values: dict[str, Any] = {}
-    for key, text in (metadata or {}).items():
-        try:
-            values[key] = json.loads(text)
-        except ValueError:
-            values[key] = text
-    return values
 
 
 class Catalogue:

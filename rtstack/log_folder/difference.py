@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rtstack.log.reader import Log
-from rtstack.log_folder.catalogue import values_of
+from rtstack.log.writing.job import values_of
 
 _ASKED = "trial.specification."
 
@@ -15,12 +15,11 @@ def settings(log: Log) -> dict[str, str]:
     """Return everything that was set for a log's run, by dotted key: trial.seed, cell.pad.size."""
     flat: dict[str, str] = {}
     _flatten("trial", values_of(log.metadata.get("trial")), flat)
-    for attachment in log.attachments:
-        if attachment.name == "cell.toml":
-            try:
-                _flatten("cell", tomllib.loads(attachment.data.decode()), flat)
-            except ValueError:
-                flat["cell"] = "not readable"
+    if (cell := log.attachment("cell.toml")) is not None:
+        try:
+            _flatten("cell", tomllib.loads(cell.decode()), flat)
+        except ValueError:
+            flat["cell"] = "not readable"
     return flat
 
 

@@ -8,7 +8,8 @@ from enum import StrEnum
 from typing import Any
 
 from rtstack.log.errors import LogError
-from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry, values_of
+from rtstack.log.writing.job import values_of
+from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log_folder.remarks import Remarks, load_remarks
 from rtstack.monitor.records import Verdict
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance

@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from rtstack.log_folder.catalogue import LogEntry, values_of
+from rtstack.log.writing.job import values_of
+from rtstack.log_folder.catalogue import LogEntry
 from rtstack.log_folder.log_rows import LogRow
 
 

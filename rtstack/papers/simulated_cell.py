@@ -1,7 +1,7 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -97,11 +97,8 @@ class WorkerHost:
     @contextmanager
     def cell(self, run: PreparedRun) -> Iterator[Cell]:
         """See Host."""
-        cell = self.built.open(self.kind, run.description)
-        try:
+        with closing(self.built.open(self.kind, run.description)) as cell:
             yield cell
-        finally:
-            cell.close()
 
     def warn(self, text: str) -> None:
         """See Host: the worker shows nothing."""

@@ -10,6 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from rtstack.control.parameters import ControlParameters
@@ -17,7 +18,7 @@ from rtstack.control.records import POINT
 from rtstack.loop.session import SessionPlan
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.planning.joints import JointMotion, feedforward, joint_motion
+from rtstack.planning.joints import feedforward, joint_motion
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.quintic import ViaPoint, quintic_motion, quintic_path
 from rtstack.samples import Mode
@@ -78,20 +79,13 @@ def compensated(planned: PlannedMotion, acceleration: Array) -> PlannedMotion:
     world's axes, m/s^2 and rad/s^2, and of the posture's joint, rad/s^2."""
     points = planned.recording.points.copy()
     for arm, motion in enumerate(planned.joints):
-        points[arm]["wrench_ff"] += _wrench(motion, acceleration[arm, :, :6])
-        points[arm]["beta"] += acceleration[arm, :, 6]
+        wrench, beta = feedforward(motion, acceleration[arm], np.zeros_like(motion.q), 0)  # no torque beside it
+        points[arm]["wrench_ff"] += wrench
+        points[arm]["beta"] += beta
     return replace(planned, recording=replace(planned.recording, points=points))
 
 
-def _wrench(motion: JointMotion, acceleration: Array) -> Array:
-    """Return Lambda times the acceleration (n, 6), as a feedforward wrench: (26)."""
-    mobility = motion.J @ np.linalg.solve(motion.M, motion.J.transpose(0, 2, 1))
-    return np.linalg.solve(mobility, acceleration[:, :, None])[:, :, 0]
-
-
 def _place(point: NDArray, level: Array) -> Array:
-    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
-
     turned = Rotation.from_matrix(point["rotation"] @ level.T).as_rotvec()
     return np.concatenate([point["position"], turned, [point["xi"]]])
 
@@ -105,8 +99,6 @@ def _points(level: Array, vias: list[list[ViaPoint]], t_s: Array, period_s: floa
 
     A pad turns from `level` about one axis, as in a plan: the rotation vector's rate is its angular velocity.
     """
-    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
-
     points, acceleration = np.zeros(len(t_s), POINT), np.zeros((len(t_s), COLUMNS))
     place, velocity = np.zeros((len(t_s), COLUMNS)), np.zeros((len(t_s), COLUMNS))
     for column, path in enumerate(vias):

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from rtstack.impact_map import MapKind, SceneError
@@ -52,8 +53,6 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
 
 def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) -> PlannedMotion:
     """Return a grab that is not checked. Raises PlanError with one line where there is no such motion."""
-    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
-
     if len(description.arms) < 2:
         raise PlanError(
             f"a grab takes two arms, and the cell {description.name} has the {description.sides[0]} one alone: plan a "

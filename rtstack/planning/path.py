@@ -5,6 +5,7 @@ from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from rtstack.control.records import POINT
@@ -38,8 +39,6 @@ def points_along(path: ArmPath, rotation: Array, t_s: Array, period_s: float) ->
     Accelerations are those half a period later: a torque is held for a period, and what it stands for is the middle of
     it. Half a millisecond of a grab's 5 m/s^2 is 0.6 % of its velocity, which feedback would have to take away again.
     """
-    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
-
     points = np.zeros(len(t_s), POINT)
     acceleration = np.zeros((len(t_s), 7))
     middle_s = t_s + period_s / 2.0

@@ -5,6 +5,7 @@ Of two arms the left one pushes, and the right one goes up, out of the way.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from rtstack.impact_map import ImpactMap, SceneError, impact_map
@@ -51,8 +52,6 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
 
 def push_motion(description: CellDescription, object_name: str, plan: PushPlan) -> PlannedMotion:
     """Return a hit-and-push that is not checked. Raises PlanError with one line where there is no such motion."""
-    from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
-
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
     description = description.about(object_name)

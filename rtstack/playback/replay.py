@@ -10,6 +10,7 @@ setpoints of arms that were led by hand, and the twin answers its torques.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -119,11 +120,8 @@ class LoggedRun:
             folder = Path(name)
             description = _description(self.log, folder)
             context = RunContext(kept, stop=LoggedStop(self.columns) if outside else None)
-            cell = opened(folder, description)
-            try:
+            with closing(opened(folder, description)) as cell:
                 RUNS[self.kind](self.log, self.asked, description, cell, context, folder)
-            finally:
-                cell.close()
         assert kept.columns is not None
         return kept.columns
 
@@ -175,7 +173,7 @@ def _difference(side: str, name: str, logged: NDArray, replayed: NDArray) -> Dif
 def _description(log: Log, folder: Path) -> CellDescription:
     """Return the cell's description that is attached to the log, with the law that the log names; one without a name
     was made with M + B_theta. Raises TrialError."""
-    attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    attached = log.attachment("cell.toml")
     if attached is None:
         raise TrialError(f"{log.path}: no description of its cell is attached")
     path = folder / "cell.toml"

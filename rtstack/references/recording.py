@@ -48,7 +48,7 @@ _FEWEST_HELD = 50  # ticks
 
 def described_in(log: Log) -> CellDescription | None:
     """Return the cell by the file that is attached to a log; None where it has none, or one of another version."""
-    attached = next((each.data for each in log.attachments if each.name == "cell.toml"), None)
+    attached = log.attachment("cell.toml")
     try:
         return from_document(tomllib.loads((attached or b"").decode()), CellDescription, str(log.path))
     except (ConfigurationError, ValueError):
@@ -151,16 +151,20 @@ class Recording:
         return demonstrated_impact(m["q"], m["dq"], m["force"], self.impact, self.release, excluded, self.period_s)
 
 
+def reference_log(path: Path) -> Log:
+    """Read a log that references are made of. Raises ReferenceError with one line."""
+    try:
+        return read_log(path)
+    except LogError as error:
+        raise ReferenceError(str(error)) from None
+
+
 def load_recording(
     path: Path, arms: Sequence[ArmController], detector: DetectorParameters, period_s: float,
     sides: Sequence[str] = SIDES,
 ) -> Recording:  # fmt: skip
     """Read a recording of the arms of these sides and find its impact. Raises ReferenceError with one line."""
-    try:
-        log = read_log(path)
-    except LogError as error:
-        raise ReferenceError(str(error)) from None
-    return recording_of(log, arms, detector, period_s, sides=sides)
+    return recording_of(reference_log(path), arms, detector, period_s, sides=sides)
 
 
 def recording_of(

@@ -5,10 +5,8 @@ from pathlib import Path
 
 from rtstack.control.parameters import DetectorParameters
 from rtstack.control.tick import ArmController
-from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
 from rtstack.references.planned import PLAN, planned_recording, planned_reference
-from rtstack.references.recording import ReferenceError, check_sides, recording_of
+from rtstack.references.recording import check_sides, recording_of, reference_log
 from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.samples import SIDES
 
@@ -19,10 +17,7 @@ def load_reference(
     """Read a file of `rtstack teach` or `rtstack plan`. sides: of the arms. Raises ReferenceError with one line, also
     where the file has other arms."""
     control = arms[0].parameters
-    try:
-        log = read_log(path)
-    except LogError as error:
-        raise ReferenceError(str(error)) from None
+    log = reference_log(path)
     check_sides(log, sides)
     if PLAN in log.metadata:
         return planned_reference(planned_recording(log, control.posture_joint, control.period_s))

@@ -69,9 +69,7 @@ class ArmingStateMachine:
 
     def _lose_holder(self) -> None:
         self.holder = None
-        if self.phase is Phase.ARMED:
-            self.phase = Phase.DISARMED
-        self.stop_wanted = self.running
+        self.disarm()
 
     # motion
 

@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from hal.base.arrays import Array
-from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.acceptance import Acceptance
-from rtstack.references.recording import Recording, ReferenceError, recording_of
+from rtstack.references.recording import Recording, ReferenceError, recording_of, reference_log
 from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.object import check_two_arms
@@ -143,11 +141,8 @@ def extract(
     parameters = cell_parameters(description)
     control, sides = parameters.control, description.sides
     arms = arm_controllers(description, parameters)
+    log = reference_log(path)
     # shown whatever was decided about it
-    try:
-        log = read_log(path)
-    except LogError as error:
-        raise ReferenceError(str(error)) from None
     recording = recording_of(log, arms, parameters.detector, control.period_s, acceptance, True, progress, sides)
     problem = recording.problem
     reference: ExtendedReference | None = None

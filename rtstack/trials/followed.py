@@ -35,9 +35,8 @@ def followed_file(log: Log, name: str) -> tuple[str, bytes]:
     It is attached, at the path that the log says, beside the log, or in a campaign's folder. Raises TrialError with one
     line where it is nowhere, or has changed since.
     """
-    for attachment in log.attachments:
-        if attachment.name == ATTACHED:
-            return _digest(attachment.data), attachment.data
+    if (attached := log.attachment(ATTACHED)) is not None:
+        return _digest(attached), attached
     record = log.metadata.get(REFERENCE, {})
     wanted, folder = record.get("sha256"), log.path.parent
     known = Path(record.get("path", name))

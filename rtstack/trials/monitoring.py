@@ -43,11 +43,11 @@ def _of_seven_joints(tuning: Tuning, path: Path) -> Tuning:
 
 def tuning_in(plan: Path) -> Tuning | None:
     """Return the tuning that a plan was written with, None where it has none. Raises ConfigurationError, LogError."""
-    for attachment in read_log(plan).attachments:
-        if attachment.name == MONITOR:
-            text = attachment.data.decode()
-            return _of_seven_joints(from_document(tomllib.loads(text), Tuning, f"{plan}, {MONITOR}", text), plan)
-    return None
+    attached = read_log(plan).attachment(MONITOR)
+    if attached is None:
+        return None
+    text = attached.decode()
+    return _of_seven_joints(from_document(tomllib.loads(text), Tuning, f"{plan}, {MONITOR}", text), plan)
 
 
 def tuning_folder() -> Path:

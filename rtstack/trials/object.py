@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.planned import PLAN
@@ -29,11 +28,8 @@ def check_two_arms(description: CellDescription, what: str) -> None:
 
 
 def object_of(reference: Path) -> str:
-    """Return the object that a recording or a plan is about. Raises TrialError with one line."""
-    try:
-        metadata = read_log(reference).metadata
-    except LogError as error:
-        raise TrialError(str(error)) from None
+    """Return the object that a recording or a plan is about. Raises TrialError or LogError with one line."""
+    metadata = read_log(reference).metadata
     name = (metadata.get(PLAN) or metadata.get("trial", {})).get("object", "")
     if not name:
         raise TrialError(f"{reference}: it was made without an object: follow another one, or give --object")

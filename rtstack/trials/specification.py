@@ -378,11 +378,8 @@ def specification_of(record: Mapping[str, str]) -> Specification:
         raise TrialError(f"the log's kind is {record.get('kind', 'unknown')}, which has no specification")
     try:
         asked = adapter.validate_json(record.get("specification", ""))
-    except ValidationError as error:
-        raise TrialError(f"the log's specification: {problem(error)}") from None
-    if getattr(asked, "law_inertia", LawInertia.LINKS) is not None:
-        return asked
-    try:
+        if getattr(asked, "law_inertia", LawInertia.LINKS) is not None:
+            return asked
         return replace(asked, law_inertia=record.get("law_inertia", LawInertia.LINKS_AND_MOTORS))
     except ValidationError as error:
         raise TrialError(f"the log's specification: {problem(error)}") from None

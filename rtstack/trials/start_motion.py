@@ -132,7 +132,7 @@ def posture(arm: ArmController, near: Array, point: np.void, side: str) -> Array
     q, local, error, jacobian = near.copy(), np.zeros(3), np.zeros(7), np.zeros((7, 7))
     jacobian[6, joint] = 1.0
     for _ in range(NEWTON_STEPS):
-        work = _observed(arm, q)
+        work = arm.observed_at(q)
         log_so3(np.ascontiguousarray(work["rotation"].T @ point["rotation"]), local)
         error[:3] = point["position"] - work["position"]
         error[3:6] = work["rotation"] @ local
@@ -144,15 +144,9 @@ def posture(arm: ArmController, near: Array, point: np.void, side: str) -> Array
     raise TrialError(f"the recording begins where the {side} arm of this cell cannot be: record one on this cell")
 
 
-def _observed(arm: ArmController, q: Array) -> np.void:
-    arm.sample["q"][0] = q
-    arm.observe()
-    return arm.workspace[0]
-
-
 def _pad_box(arm: ArmController, q: Array, size: tuple[float, float, float]) -> Array:
     """Return the lowest and the highest corner (2, 3), m, of the pad's upright bounding box in the world."""
-    work = _observed(arm, q)
+    work = arm.observed_at(q)
     half = np.array(size) / 2.0
     centre = work["position"] - work["rotation"][:, 2] * half[2]
     reach = np.abs(work["rotation"]) @ half

@@ -10,6 +10,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import count
 
@@ -33,7 +34,7 @@ from rtstack.samples import Level
 from rtstack.teleoperation.policy import Chunk, Observation, Policy
 from rtstack.teleoperation.reach import FASTEST_M_S, STIFFNESS_N_M, Reach
 from rtstack.teleoperation.source import TeleoperationSource
-from rtstack.trials.assembly import Parameters, cell_parameters
+from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_object
@@ -189,7 +190,6 @@ def run_teleoperation(
     mailbox: Mailbox,
     context: RunContext = NO_CONTEXT,
     *,
-    parameters: Parameters | None = None,
     way: StartMotion | None = None,
     clock: Callable[[], int] = time.monotonic_ns,
     host: PolicyHost | None = None,
@@ -199,7 +199,7 @@ def run_teleoperation(
     Before the first target the arms hold where they are. clock: the host's monotonic time, ns, that the clutch's signs
     of life carry. way: gone before the first tick. host: of a policy in this process, which leads from the beginning.
     """
-    parameters = parameters or cell_parameters(description)
+    parameters = cell_parameters(description)
     check_object(specification.object, description)
     limits = limits_of_arms(description)
     reach = Reach.within(limits[0])
@@ -259,9 +259,6 @@ def run_policy(
     """
     if cell.own_clocks:
         raise TrialError(f"the cell {cell.name} does not wait for a policy: start rtstack up, and give --console")
-    mailbox = Mailbox.create(f"rtstack-policy-{os.getpid()}-{next(_NUMBERS)}")
-    try:
+    with closing(Mailbox.create(f"rtstack-policy-{os.getpid()}-{next(_NUMBERS)}")) as mailbox:
         host = PolicyHost(policy, mailbox, specification.job, rate_hz, longest_s, delay_s)
         return run_teleoperation(specification, description, cell, mailbox, context, clock=host.clock, host=host)
-    finally:
-        mailbox.close()

@@ -3,6 +3,7 @@
 import io
 import os
 import signal
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -225,7 +226,7 @@ def test_a_policy_is_shown_the_newest_picture_at_each_observation(cell, film, tm
 
 def test_who_looks_on_takes_no_picture_from_the_log_and_waits_for_no_camera_that_is_gone(monkeypatch):
     ring = pictures.PictureRing.create()
-    with NewestPictures({"down": ring.name}, {"down": 10}) as shown:
+    with closing(NewestPictures({"down": ring.name}, {"down": 10})) as shown:
         for t_ns in (100, 110, 120):
             ring.write(t_ns, b"%d" % t_ns)
         assert shown.at(119)["down"].jpeg == b"110"
@@ -318,7 +319,7 @@ def test_h264_is_a_log_of_one_picture_a_message_and_each_of_them_can_be_looked_a
 
 def test_a_camera_in_h264_shows_a_policy_the_same_pictures():
     encoder, ring = Encoder(384, 96, 30.0), pictures.PictureRing.create()
-    with NewestPictures({"down": ring.name}) as shown:
+    with closing(NewestPictures({"down": ring.name})) as shown:
         for t_ns in range(0, 2_000_000_000, 33_000_000):
             picture = np.full((96, 384, 3), 90, np.uint8)
             draw_time(picture, t_ns)

@@ -138,15 +138,12 @@ class DerivedSamples:
 
 def base_pose(log: Log, side: str) -> Array | None:
     """Return T_world_base (4, 4) of an arm as the cell's file in the log has it, None where there is none."""
-    for attachment in log.attachments:
-        if attachment.name == "cell.toml":
-            try:
-                arm = tomllib.loads(attachment.data.decode())[side]
-                T = np.eye(4)
-                wxyz = np.array(arm["base_orientation_wxyz"], np.float64)
-                T[:3, :3] = rotation_of(wxyz / np.linalg.norm(wxyz))
-                T[:3, 3] = arm["base_position"]
-            except (ValueError, KeyError, TypeError):
-                return None
-            return T
-    return None
+    try:
+        arm = tomllib.loads((log.attachment("cell.toml") or b"").decode())[side]
+        T = np.eye(4)
+        wxyz = np.array(arm["base_orientation_wxyz"], np.float64)
+        T[:3, :3] = rotation_of(wxyz / np.linalg.norm(wxyz))
+        T[:3, 3] = arm["base_position"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    return T

@@ -41,3 +41,14 @@ class Evidence:
 def texts(values: Mapping[str, Any]) -> dict[str, str]:
     """Return the values of a metadata record as MCAP has them: text as it is, anything else as JSON."""
     return {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
+
+
+def values_of(record: Mapping[str, str] | None) -> dict[str, Any]:
+    """Return the values of a metadata record: what a text says as JSON, any other text as it is; none for None."""
+    values: dict[str, Any] = {}
+    for key, text in (record or {}).items():
+        try:
+            values[key] = json.loads(text)
+        except ValueError:
+            values[key] = text
+    return values

@@ -60,10 +60,9 @@ class Grid:
 
     def cases(self) -> Iterator[Case]:
         """Yield all cases."""
-        for approach_deg, location_m in self.plans():
-            for inclination_deg in self.inclination_deg.values():
-                for repetition in range(self.repetitions):
-                    yield Case(approach_deg, location_m, inclination_deg, repetition)
+        every = product(self.plans(), self.inclination_deg.values(), range(self.repetitions))
+        for (approach_deg, location_m), inclination_deg, repetition in every:
+            yield Case(approach_deg, location_m, inclination_deg, repetition)
 
     def size(self) -> int:
         """Number of cases."""

@@ -85,8 +85,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
             (self.request.out / name).mkdir(exist_ok=True)
         if not self._bench.on_arms:
             yield from self._identify()
-        not_identified: dict[FreeRuns, str] = {}
-        yield from self._identify_along(not_identified)
+        not_identified = yield from self._identify_along()
         yield from self._plan_references(not_identified)
 
     def _identify(self) -> Stages:
@@ -119,21 +118,22 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
             text = friction_toml(identification.file(self.description.name, robot))
             (out / friction_file(robot)).write_text(text, encoding="utf-8")
 
-    def _identify_along(self, not_identified: dict[FreeRuns, str]) -> Stages:
-        """Make what is missing of the runs along the references; adds what could not be made, and why."""
+    def _identify_along(self) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
+        """Make what is missing of the runs along the references; return what could not be made, and why."""
         from rtstack.papers.impact_maps.reference import identify_along
         from rtstack.papers.impact_maps.worker import SWEEPS
 
         plan, folder = self.specification, self.request.out / SWEEPS
         missing = {one.file: one for one in plan.free_runs() if not (folder / one.file).exists()}
+        without: dict[FreeRuns, str] = {}
         if self._bench.on_arms:
-            not_identified.update((yield from self._run_free(missing.values())))
-            missing = {file: one for file, one in missing.items() if one not in not_identified}
+            without = yield from self._run_free(missing.values())
+            missing = {file: one for file, one in missing.items() if one not in without}
         failed = yield Stage("identification along the references", [
             Task(file, identify_along, (self._bench, one, plan.scenario(one.motion), plan.identification_runs))
             for file, one in missing.items()
         ])  # fmt: skip
-        not_identified.update({missing[file]: reason for file, reason in failed.items()})
+        return without | {missing[file]: reason for file, reason in failed.items()}
 
     def _run_free(self, missing: Iterable[FreeRuns]) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
         """Have the arms make the runs that have no log yet. Returns why, of those that cannot be made."""

@@ -82,9 +82,7 @@ def feedback_signal(
         arm, samples, control = arms[side], columns.arm[side], columns.control[side]
         wrench = control["wrench_desired"][ticks] - control["wrench_ff"][ticks]
         for i, k in enumerate(ticks):
-            arm.sample["q"][0], arm.sample["dq"][0] = samples["q"][k], samples["dq"][k]
-            arm.observe()
-            work = arm.workspace[0]
+            work = arm.observed_at(samples["q"][k], samples["dq"][k])
             task_inertia(work)
             velocity[row, i] = work["twist"][direction.axis]
             feedback[row, i] = work["Lambda_inverse"][direction.axis] @ wrench[i]

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -212,13 +213,11 @@ class ValidationPlan:
         """Yield all trials. Those that differ in conditions alone share their seed."""
         for conditions, about in self.conditions.items():
             for scenario in (one for one in self.scenarios if one.motion in about.motions):
-                for thing in self.objects:
-                    for case in scenario.cases:
-                        for scale in self.scales:
-                            for k in range(self.repetitions):
-                                seed = seed_of(self.seed, scenario.motion, thing, case, scale, k)
-                                robot = self.robots[k % len(self.robots)]
-                                yield ValidationTrial(conditions, scenario.motion, thing, case, scale, k, seed, robot)
+                every = product(self.objects, scenario.cases, self.scales, range(self.repetitions))
+                for thing, case, scale, k in every:
+                    seed = seed_of(self.seed, scenario.motion, thing, case, scale, k)
+                    robot = self.robots[k % len(self.robots)]
+                    yield ValidationTrial(conditions, scenario.motion, thing, case, scale, k, seed, robot)
 
     def reference(self, trial: ValidationTrial) -> PlannedReference:
         """Return the reference of a trial."""
@@ -277,12 +276,11 @@ def load_validation_plan(path: Path, quick: bool = False) -> ValidationPlan:
     plan = load_toml(path, ValidationPlan)
     check_claims(path, plan.claims, JUDGES)
     for scenario in plan.scenarios:
-        for case in scenario.cases:
-            for scale in plan.scales:
-                try:
-                    scenario.request(case, scale)
-                except PlanError as error:
-                    raise ConfigurationError(f"{path}: {scenario.motion}, case {case}: {error}") from None
+        for case, scale in product(scenario.cases, plan.scales):
+            try:
+                scenario.request(case, scale)
+            except PlanError as error:
+                raise ConfigurationError(f"{path}: {scenario.motion}, case {case}: {error}") from None
     if quick and plan.sample is None:
         raise ConfigurationError(f"{path}: it has no quick sample: run it without --quick")
     return plan.as_sample(plan.sample) if quick and plan.sample is not None else plan

@@ -155,9 +155,7 @@ def residual(columns: Columns, free: FreeMotion, arms: Sequence[ArmController]) 
         feedback, lag = np.empty((n, COORDINATES)), np.empty((n, COORDINATES))
         wrench = control["wrench_desired"] - control["wrench_ff"]
         for i in range(n):
-            arm.sample["q"][0], arm.sample["dq"][0] = samples["q"][i], samples["dq"][i]
-            arm.observe()
-            work = arm.workspace[0]
+            work = arm.observed_at(samples["q"][i], samples["dq"][i])
             task_inertia(work)
             feedback[i, :6] = work["Lambda_inverse"] @ wrench[i]
             lag[i, :6] = control["twist_ref"][i] - work["twist"]

@@ -4,7 +4,6 @@ Both meet the same arms, friction, noise and placement in a repetition, so that 
 """
 
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rtstack.experiments.claims import shown
@@ -16,8 +15,7 @@ from rtstack.papers.reference_spreading.evaluation import FIGURE11, TABLE2, Eval
 OURS, THEIRS = Controller.CONTACT_COMPLETION, Controller.PROPOSED
 COMPARED = (THEIRS, OURS)
 FORCE_NORM = "mean force norm"
-
-Value = Callable[[Row], float | None]
+MARGIN_MS = "margin_ms"  # a column of ours: see _margin_ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,36 +31,30 @@ class Comparison:
 
 def judge_beyond(evaluation: Evaluation) -> list[Comparison]:
     """Return every comparison for which there are trials of both. evaluation: of COMPARED, at least."""
-    lines = []
-    for d in evaluation.displacements():
-        rows = evaluation.of(FIGURE11, displacement_mm=d)
-        lines.append(_compared(f"{FORCE_NORM} at {millimetres(d)}", rows, _column("average_force_norm")))
     # Figure 11's repetitions where there are any: Table II has one of each
-    rows = evaluation.of(FIGURE11) or evaluation.of(TABLE2)
+    rows = [row | {MARGIN_MS: _margin_ms(row)} for row in evaluation.of(FIGURE11) or evaluation.of(TABLE2)]
     displaced = [row for row in rows if row["displacement_mm"]]
-    if not lines:
-        lines.append(_compared(f"{FORCE_NORM} with the object displaced", displaced, _column("average_force_norm")))
+    in_place = [row for row in rows if not row["displacement_mm"]]
+    norms = {f"at {millimetres(d)}": evaluation.of(FIGURE11, displacement_mm=d) for d in evaluation.displacements()}
+    lines = [
+        _compared(f"{FORCE_NORM} {where}", some, "average_force_norm")
+        for where, some in (norms or {"with the object displaced": displaced}).items()
+    ]
     lines += [
-        _compared(f"{what}, object displaced", displaced, _column(column), unit, digits)
+        _compared(f"{what}, object displaced", displaced, column, unit, digits)
         for what, column, unit, digits in (
             ("highest force norm in the 200 ms", "peak_in_window", "", 1),
             ("highest force norm of the trial", "peak_force_norm", "", 1),
             ("largest change of the desired wrenches in a tick", "largest_step", " N", 2),
             ("change in the tick that ends the interim mode", "step_to_post", " N", 2),
             ("swing of the pad that is hit first", "swing_m_s", " m/s", 3),
+            ("from full contact to the interim mode's end", MARGIN_MS, " ms", 1),
+            ("duration of the interim mode", "interim_ms", " ms", 1),
         )
     ]
-    margin = "from full contact to the interim mode's end, object displaced"
-    lines.append(_compared(margin, displaced, _margin_ms, " ms"))
-    in_place = [row for row in rows if not row["displacement_mm"]]
-    for what, some in (("object displaced", displaced), ("object in place", in_place)):
-        lines.append(_compared(f"duration of the interim mode, {what}", some, _column("interim_ms"), " ms"))
+    lines.append(_compared("duration of the interim mode, object in place", in_place, "interim_ms", " ms"))
     found = [line for line in lines if line is not None]
     return [*found, _grabs(evaluation)] if found else []
-
-
-def _column(name: str) -> Value:
-    return lambda row: row[name]
 
 
 def _margin_ms(row: Row) -> float | None:
@@ -73,9 +65,9 @@ def _margin_ms(row: Row) -> float | None:
     return 1e3 * (row["detected_impact_time_s"] - row["contact_completed_s"]) + row["interim_ms"]
 
 
-def _compared(what: str, rows: list[Row], value: Value, unit: str = "", digits: int = 1) -> Comparison | None:
+def _compared(what: str, rows: list[Row], column: str, unit: str = "", digits: int = 1) -> Comparison | None:
     """Compare pair by pair where both succeeded; None without a pair."""
-    both = _pairs([row for row in rows if row["success"]], value)
+    both = _pairs([row for row in rows if row["success"]], column)
     if not both:
         return None
     means = [_mean({key: pair[controller] for key, pair in both.items()}) for controller in COMPARED]
@@ -84,14 +76,13 @@ def _compared(what: str, rows: list[Row], value: Value, unit: str = "", digits: 
     return Comparison(what, theirs, ours, shown(difference, unit, digits), _verdict(difference, means[0]))
 
 
-def _pairs(rows: list[Row], value: Value) -> dict[tuple[object, ...], dict[str, float]]:
+def _pairs(rows: list[Row], column: str) -> dict[tuple[object, ...], dict[str, float]]:
     """Return the values of each repetition by controller, where both have one; the repetition is the key's end."""
     pairs: dict[tuple[object, ...], dict[str, float]] = defaultdict(dict)
     for row in rows:
-        number = value(row)
-        if number is not None:
+        if row[column] is not None:
             key = row["experiment"], row["reference"], place_of(row), row["repetition"]
-            pairs[key][row["controller"]] = number
+            pairs[key][row["controller"]] = row[column]
     return {key: pair for key, pair in pairs.items() if len(pair) == len(COMPARED)}
 
 
@@ -121,7 +112,7 @@ def _verdict(difference: Interval, theirs: Interval) -> str:
 
 def _grabs(evaluation: Evaluation) -> Comparison:
     """Successful grabs, and in how many pairs one of both alone succeeded."""
-    both = list(_pairs(evaluation.rows, _column("success")).values())
+    both = list(_pairs(evaluation.rows, "success").values())
     theirs, ours = (f"{sum(pair[c] > 0 for pair in both)} of {len(both)}" for c in COMPARED)
     lost = sum(pair[THEIRS] and not pair[OURS] for pair in both)
     won = sum(pair[OURS] and not pair[THEIRS] for pair in both)

@@ -127,8 +127,7 @@ def _limit_violations(evaluation: Evaluation, _at: object) -> Finding:
     def ended(row: Row) -> float:
         return float(not row["success"] and "held until release" not in row["failure_reason"])
 
-    pairs = [(other, NO_VELOCITY) for other in NAMES if other is not NO_VELOCITY]
-    verdict, words = _lower(evaluation, pairs, ended, digits=2, counted=every, experiment=TABLE2)
+    verdict, words = _lower(evaluation, _TO_NO_VELOCITY, ended, digits=2, counted=every, experiment=TABLE2)
     share = _each(lambda c: evaluation.mean(c, ended, counted=every), " %", 0, 100.0)
     return Finding(f"ended by a limit: {share}. Share, pairs: {words}", verdict, _why_grabs(evaluation))
 
@@ -153,11 +152,10 @@ def _after_detection_ms(row: Row) -> float | None:
 
 
 def _continuous(evaluation: Evaluation, _at: object) -> Finding:
-    found = []
-    for column in ("step_to_interim", "step_to_post"):
-        own = _scaled(column, NO_INTERIM, TENTH, "step_to_post")
-        found.append(evaluation.difference(PROPOSED, NO_INTERIM, own))
-    own_steps = [evaluation.mean(PROPOSED, column) for column in ("step_to_interim", "step_to_post")]
+    columns = ("step_to_interim", "step_to_post")
+    less = (_scaled(column, NO_INTERIM, TENTH, "step_to_post") for column in columns)
+    found = [evaluation.difference(PROPOSED, NO_INTERIM, own) for own in less]
+    own_steps = [evaluation.mean(PROPOSED, column) for column in columns]
     words = f"{shown(own_steps[0])} and {shown(own_steps[1])} N from one tick to the next; no interim mode "
     words += f"{shown(evaluation.mean(NO_INTERIM, 'step_to_post'))}. Each less a tenth of that, pairs: "
     return Finding(words + "; ".join(shown(each) for each in found), combined(map(_below_zero, found)))
@@ -215,8 +213,7 @@ def _settling_ms(row: Row) -> float | None:
 
 
 def _settling(evaluation: Evaluation, _at: object) -> Finding:
-    pairs = [(c, NO_VELOCITY) for c in NAMES if c is not NO_VELOCITY]
-    pairs += [(NO_RS, c) for c in (NO_INTERIM, PROPOSED)]
+    pairs = [*_TO_NO_VELOCITY, (NO_RS, NO_INTERIM), (NO_RS, PROPOSED)]
     verdict, words = _lower(evaluation, pairs, _settling_ms, unit=" ms", digits=0, counted=every)
     censored = {c: sum(row["settled_ms"] is None for row in evaluation.rows if row["controller"] == c) for c in NAMES}
     counts = ", ".join(f"{NAMES[c].lower()} {n}" for c, n in censored.items())

@@ -84,8 +84,11 @@ class Evaluation:
 
         Of trials that `went_on`: what ended before has no 200 ms around its impact.
         """
-        rows = self.of(experiment, controller=controller, displacement_mm=displacement_mm)
-        return _by_reference(filter(went_on, rows), name)
+        groups: dict[object, list[float]] = defaultdict(list)
+        for row in self.of(experiment, controller=controller, displacement_mm=displacement_mm):
+            if went_on(row) and row[name] is not None:
+                groups[row["reference"]].append(row[name])
+        return stratified_mean(groups)
 
     def mean(
         self, controller: Controller, value: str | Value, *, counted: Counted | None = None
@@ -162,14 +165,6 @@ def kind_of(reason: str) -> str:
     """Return a failure without its numbers, so that equal ones count together."""
     words = reason.split(" (")[0].split(": ")
     return ": ".join(words[:3])
-
-
-def _by_reference(rows: Iterable[Row], name: str) -> Interval | None:
-    groups: dict[object, list[float]] = defaultdict(list)
-    for row in rows:
-        if row[name] is not None:
-            groups[row["reference"]].append(row[name])
-    return stratified_mean(groups)
 
 
 def _lift(rows: list[Row], controller: Controller) -> Interval | None:

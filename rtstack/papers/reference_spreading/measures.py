@@ -92,8 +92,7 @@ class Passage:
 
     def contact(self, arm: int) -> int | None:
         """Return the first tick at which a pad touches the object."""
-        touching = np.flatnonzero(self.gap[arm] <= 0.0)
-        return int(touching[0]) if len(touching) else None
+        return _first(self.gap[arm] <= 0.0)
 
 
 def passage(columns: Columns, description: CellDescription, object_name: str) -> Passage:
@@ -156,7 +155,7 @@ def measure(
     completed = None
     if detected is not None:
         completed = contact_completed(columns, description, detected, SETTLING_S, CompletionParameters())
-    if detected is not None:  # or the nominal time, where that is what a baseline waits for
+        # or the nominal time, where that is what a baseline waits for
         detected = min(detected, int(np.argmax(mode != Mode.ANTE_IMPACT)))
     peak = share = None
     if first is not None and detected is not None and first < detected < len(t_s):

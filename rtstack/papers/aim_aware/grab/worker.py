@@ -13,7 +13,7 @@ from rtstack.papers.conditions import Conditions, Reference
 from rtstack.papers.demonstrations import RECORDINGS, Bench
 from rtstack.papers.simulated_cell import WorkerHost, conditioned_cell
 from rtstack.trials.carry_out import carry_out
-from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.specification import TrialSpecification, like
 from rtstack.trials.trial import PreparedTrial, prepare_trial
 
 
@@ -92,12 +92,11 @@ def run_case(grab: GrabBench, case: GrabCase) -> list[Row]:
     result = carry_out(prepared, WorkerHost(built, bench.cell))
     nominal_s = result.nominal_impact_time_s
     hit_s = result.detected_impact_time_s if result.detected_impact_time_s is not None else nominal_s
-    finding = GrabOutcome(
-        id=case.id,
-        fault=case.fault,
+    finding = like(
+        GrabOutcome,
+        result,
+        case,
         reference=case.reference.name,
-        displacement_mm=case.displacement_mm,
-        seed=case.seed,
         verdict=result.impact_verdict or "none",
         reason=result.impact_reason,
         kind=result.impact_kind,
@@ -105,8 +104,5 @@ def run_case(grab: GrabBench, case: GrabCase) -> list[Row]:
         verdict_s=result.impact_verdict_time_s,
         onset_s=script[0]["at_s"] if case.fault is FaultKind.PUSH else hit_s,
         nominal_s=nominal_s,
-        success=result.success,
-        failure_reason=result.failure_reason,
-        ticks=result.ticks,
     )
     return [asdict(finding)]

@@ -175,9 +175,8 @@ def ticks_of(columns: Columns, description: CellDescription, parameters: Paramet
     ticks["q"], ticks["dq"], ticks["tau_d"] = samples["q"], samples["dq"], samples["tau_applied"]
     ticks["residual"], ticks["post"] = control["momentum_residual"], control["mode"] == Mode.POST_IMPACT
     for tick in ticks:
-        arm.sample["q"][0], arm.sample["dq"][0] = tick["q"], tick["dq"]
-        arm.observe()
-        tick["position"], tick["twist"] = arm.workspace["position"][0], arm.workspace["twist"][0]
+        work = arm.observed_at(tick["q"], tick["dq"])
+        tick["position"], tick["twist"] = work["position"], work["twist"]
     return ticks[:-1] if end in (End.SAFETY, End.QP) else ticks  # the last one's torque was the judge's
 
 
