@@ -3,15 +3,12 @@
 from contextlib import closing
 from dataclasses import replace
 from json import dumps
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 
-from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import interruptible
-from rtstack.cli.options import CellFile, CellKind, Json, LogOut
+from rtstack.cli.options import CellFile, Json
 from rtstack.samples import QpSolver
 
 commands = typer.Typer()
@@ -34,30 +31,6 @@ def bench_tick(
     if solver is not None:
         parameters = replace(parameters, solver=solver)
     _print(bench_tick(load_description(None)[0], parameters, ticks), json)
-
-
-@bench.command("loop")
-def bench_loop(
-    cell: CellKind = "realtime",
-    seconds: Annotated[float, typer.Option(help="Length of the run.", min=6.0)] = 20.0,
-    log: LogOut = None,
-    json: Json = False,
-) -> None:
-    """The whole loop: both arms grab and hold a box, controlled, judged and logged."""
-    from rtstack.bench.loop import LongGrab, loop_figures
-    from rtstack.cli.terminal import Terminal
-    from rtstack.trials.object import check_two_arms
-    from rtstack.trials.specification import DemonstrationSpecification
-
-    host = Terminal.of(cell, None, None, "grab of the bench", log_path=log)
-    check_two_arms(host.description, "the bench of the loop, a grab,")
-    with TemporaryDirectory() as folder:
-        host.log_path = path = log or Path(folder) / "loop.mcap"
-        result = host.run(LongGrab(DemonstrationSpecification(), host.description, seconds))
-        figures = loop_figures(path, cell, result)
-    _print(figures, json)
-    if not result.success:
-        raise typer.Exit(FAILED)
 
 
 @bench.command("link")

@@ -1,6 +1,6 @@
 """A run on arms, on a simulated cell in a worker: a kind of experiment says each of its runs once."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,43 +11,51 @@ from rtstack.cells import load_description, open_cell
 from rtstack.experiments.case_log import row_of
 from rtstack.experiments.experiment import Case, CellRun, Experiment, Row, Task
 from rtstack.trials.carry_out import PreparedRun, carry_out
-from rtstack.trials.record import TrialLog
+from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 
 
 @dataclass(frozen=True, slots=True)
-class _Simulation:
-    """See rtstack.trials.carry_out.Host. The object stands where the run wants it."""
+class WorkerHost:
+    """A campaign's worker as the host of a run (rtstack.trials.carry_out): a cell of its own, and no person.
 
-    planned: CellRun
-    kind: str
-    cell_file: Path | None
+    opened: opens it; kept: gives the log, None where nothing is written.
+    """
+
+    opened: Callable[[PreparedRun[Any]], Cell]
+    kept: Callable[[PreparedRun[Any], Cell], RunLog | None]
 
     @contextmanager
-    def cell(self, run: PreparedRun) -> Iterator[Cell]:
-        asked, wanted = run.specification, self.planned.wanted or run.displacement
-        with closing(open_cell(
-            self.kind, asked.object, wanted, asked.seed, run.description, None, run.noise_seed, self.cell_file
-        )) as cell:  # fmt: skip
+    def cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
+        """See Host."""
+        with closing(self.opened(run)) as cell:
             yield cell
 
     def warn(self, text: str) -> None:
-        pass
+        """See Host: the worker shows nothing."""
 
     @contextmanager
-    def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
+    def accompany(self, run: PreparedRun[Any], cell: Cell) -> Iterator[RunContext]:
+        """See Host."""
         yield NO_CONTEXT
 
-    def log(self, run: PreparedRun, cell: Cell) -> TrialLog:
-        file = load_description(self.cell_file, self.kind)[1]
-        self.planned.log.unlink(missing_ok=True)
-        return run.open_log(self.planned.log, self.kind, file, cell, self.planned.record)
+    def log(self, run: PreparedRun[Any], cell: Cell) -> RunLog | None:
+        """See Host."""
+        return self.kept(run, cell)
 
 
 def simulate(planned: CellRun, kind: str, cell_file: Path | None = None) -> str | None:
     """Carry out a run on a simulated cell of a kind; returns why it failed, None for a success."""
+    run, asked, file = planned.run, planned.run.specification, load_description(cell_file, kind)[1]
     planned.log.parent.mkdir(exist_ok=True)
-    return carry_out(planned.run, _Simulation(planned, kind, cell_file)).failure_reason
+    planned.log.unlink(missing_ok=True)
+
+    def opened(run: PreparedRun[Any]) -> Cell:
+        wanted = planned.wanted or run.displacement
+        return open_cell(kind, asked.object, wanted, asked.seed, run.description, None, run.noise_seed, cell_file)
+
+    host = WorkerHost(opened, lambda run, cell: run.open_log(planned.log, kind, file, cell, planned.record))
+    return carry_out(run, host).failure_reason
 
 
 def simulated_tasks(experiment: Experiment[Any, Any], cases: Sequence[Case]) -> list[Task]:

@@ -15,7 +15,7 @@ from rtstack.log.writing.job import Attachment
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.conditions import Conditions, Reference
-from rtstack.papers.simulated_cell import BuiltCell, WorkerHost, conditioned_cell
+from rtstack.papers.simulated_cell import BuiltCell, conditioned_cell
 from rtstack.references.demonstration import Grab, grab
 from rtstack.safety.limits import HARDWARE
 from rtstack.samples import LawInertia
@@ -71,7 +71,7 @@ class CampaignBench:
 
     def run(self, prepared: PreparedRun[R], built: BuiltCell, log: RunSamples) -> tuple[R, Columns]:
         """Carry out a run that has to be logged. Returns its result and samples. Raises OSError without a log."""
-        result = carry_out(prepared, WorkerHost(built, self.cell, log))
+        result = carry_out(prepared, built.host(self.cell, log))
         if log.columns is None or not log.path.exists():
             raise OSError(result.failure_reason)
         return result, log.columns
@@ -127,7 +127,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
         log = bench.log(path, prepared.specification, law, kind)
         built = bench.built_cell(reference.object, Displacement(), seed, conditions)
-        return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
+        return carry_out(prepared, built.host(bench.cell, log)).failure_reason
 
 
 def hand_script(bench: Bench, reference: Reference, conditions: Conditions) -> Grab | None:

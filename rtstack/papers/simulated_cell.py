@@ -1,7 +1,6 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,11 +16,10 @@ from rtstack.cells import IDEAL, with_profile
 from rtstack.cells.simulated import served_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.experiments.experiment import DIRECT
+from rtstack.experiments.simulation import WorkerHost
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.conditions import Conditions, files_of_plant
-from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.record import RunLog
-from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from sim_robot.cell import SimulatedCell
 from sim_robot.faults.file import faults_in, tilt_of
 from sim_robot.lab_objects import with_lab_objects
@@ -59,6 +57,10 @@ class BuiltCell:
         name = with_profile(kind, self.profile)
         return self._direct(name) if kind == DIRECT else self._served(name, description)
 
+    def host(self, kind: str, kept: RunLog | None = None) -> WorkerHost:
+        """Return the host of a run on it. kind: see open; kept: the log."""
+        return WorkerHost(lambda run: self.open(kind, run.description), lambda run, cell: kept)
+
     def _direct(self, name: str) -> Cell:
         faults = faults_in({"fault": list(self.script)}, "the campaign's script")
         empty = self.object_name == NO_OBJECT
@@ -81,36 +83,6 @@ class BuiltCell:
                 faults=faults if self.script else None, sides=self.scene.sides,
             )  # fmt: skip
         return served_cell(name, simulator, description, lockstep=True)
-
-
-@dataclass(frozen=True, slots=True)
-class WorkerHost:
-    """A campaign's worker as the host of a run (rtstack.trials.carry_out): a cell of its own, and no person.
-
-    kind: see BuiltCell. kept: the log; None: nothing is written.
-    """
-
-    built: BuiltCell
-    kind: str
-    kept: RunLog | None = None
-
-    @contextmanager
-    def cell(self, run: PreparedRun) -> Iterator[Cell]:
-        """See Host."""
-        with closing(self.built.open(self.kind, run.description)) as cell:
-            yield cell
-
-    def warn(self, text: str) -> None:
-        """See Host: the worker shows nothing."""
-
-    @contextmanager
-    def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
-        """See Host."""
-        yield NO_CONTEXT
-
-    def log(self, run: PreparedRun, cell: Cell) -> RunLog | None:
-        """See Host."""
-        return self.kept
 
 
 def conditioned_cell(

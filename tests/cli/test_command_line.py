@@ -137,7 +137,6 @@ WRONG = {
     "impact-map": ("none.toml", "none.toml: cannot be read"),
     "plan": ("plan.mcap --speed nan", "plan: speed"),
     "bench tick": ("--ticks 1", "--ticks"),
-    "bench loop": ("--cell moon", "unknown cell 'moon'"),
     "bench link": ("--cell moon", "unknown cell 'moon'"),
     "token create": ("--name robot --scope all", "one of view, operate"),
     "token list": ("--logs none", "none: no such folder"),

@@ -33,7 +33,6 @@ from rtstack.papers.impact_maps.worker import (
     parameters_of,
     validation_cell,
 )
-from rtstack.papers.simulated_cell import WorkerHost
 from rtstack.planning import GrabPlan, PlanError, PlannedMotion, PushPlan, plan_grab, plan_push
 from rtstack.planning.file import write_plan
 from rtstack.planning.free import FreeMotion, PlanPhase, compensated, free_motion
@@ -102,7 +101,7 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
         else:
             log = bench.log(path, prepared.specification, prepared.parameters.inertia.law_inertia)
             built = validation_cell(bench, NO_OBJECT, prepared.noise, runs.robot, bench.nominal)
-            result = carry_out(prepared, WorkerHost(built, bench.cell, log))
+            result = carry_out(prepared, built.host(bench.cell, log))
             if not result.success:
                 return f"its run with nothing in the way ({runs.log(run)}): {result.failure_reason}"
             columns = result.columns

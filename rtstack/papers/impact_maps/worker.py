@@ -29,7 +29,7 @@ from rtstack.papers.impact_maps.plan import (
     ValidationTrial,
 )
 from rtstack.papers.impact_maps.prediction import MapKind, Prediction, read_prediction
-from rtstack.papers.simulated_cell import FRICTION_DRAW, SMALLEST_FACTOR, BuiltCell, WorkerHost, simulated_files
+from rtstack.papers.simulated_cell import FRICTION_DRAW, SMALLEST_FACTOR, BuiltCell, simulated_files
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.review import log_columns
@@ -111,7 +111,7 @@ def identify(bench: ValidationBench, robot: int, asked: SweepSpecification) -> s
     log = bench.log(bench.out / SWEEPS / sweep_file(robot, asked), asked, bench.description.gains.law_inertia)
     prepared = _identification(bench).prepared(asked)
     built = validation_cell(bench, asked.object, prepared.noise, robot, bench.nominal)
-    return carry_out(prepared, WorkerHost(built, bench.cell, log)).failure_reason
+    return carry_out(prepared, built.host(bench.cell, log)).failure_reason
 
 
 def parameters_of(

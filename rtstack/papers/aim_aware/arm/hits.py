@@ -24,7 +24,7 @@ from rtstack.papers.aim_aware.planar.plan import approach_velocity
 from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit
 from rtstack.papers.aim_aware.platform.plan import AXES, PERIOD_S, HitPlan, plan_hit
 from rtstack.papers.aim_aware.platform.setup import Setup, platform_files
-from rtstack.papers.simulated_cell import BuiltCell, WorkerHost
+from rtstack.papers.simulated_cell import BuiltCell
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.record import RunLog
 from rtstack.trials.specification import HitSpecification
@@ -87,7 +87,7 @@ def hit_case(study: ArmStudy, case: Case, prepared: PreparedHit, log: RunLog | N
     setup, seed = study.setup, prepared.specification.seed
     scene = hit_scene(setup, (a, b, c, d, e, f, g), case.inclination_deg, seed)
     built = BuiltCell(scene, _simulated()[1], NOTHING, seed, arms_seed=setup.robot)
-    return carry_out(prepared, WorkerHost(built, kind, log))
+    return carry_out(prepared, built.host(kind, log))
 
 
 def nominal_hits(study: ArmStudy, approach_deg: Iterable[float]) -> list[Case]:

@@ -11,7 +11,7 @@ from rtstack.monitor.pair import PairParameters
 from rtstack.papers.aim_aware.grab.cases import FaultKind, Faults, GrabCase
 from rtstack.papers.conditions import Conditions, Reference
 from rtstack.papers.demonstrations import RECORDINGS, Bench
-from rtstack.papers.simulated_cell import WorkerHost, conditioned_cell
+from rtstack.papers.simulated_cell import conditioned_cell
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.specification import TrialSpecification, like
 from rtstack.trials.trial import PreparedTrial, prepare_trial
@@ -89,7 +89,7 @@ def run_case(grab: GrabBench, case: GrabCase) -> list[Row]:
         case.reference.object, specification.displacement, case.seed, grab.conditions, script,
         case.wider_mm(grab.faults),
     )  # fmt: skip
-    result = carry_out(prepared, WorkerHost(built, bench.cell))
+    result = carry_out(prepared, built.host(bench.cell))
     nominal_s = result.nominal_impact_time_s
     hit_s = result.detected_impact_time_s if result.detected_impact_time_s is not None else nominal_s
     finding = like(
