@@ -49,6 +49,7 @@ def object_before(cell: Cell, description: CellDescription) -> ObjectPose:
 CLEAR_OF_TABLE_M = 0.005  # at home the pads are 10 mm above it
 CLEAR_OF_OBJECT_M = 0.01
 CLEAR_OF_EACH_OTHER_M = 0.05
+DIP_M = 0.001  # a straight way in the joints is none in space
 LOOKS = 60  # along the way
 NEWTON_STEPS = 20
 _EXACT = 1e-8  # m and rad
@@ -169,7 +170,13 @@ def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:
 def _look_along(
     path: JointPath, arms: Sequence[ArmController], description: CellDescription, thing: Array | None
 ) -> None:
-    """Raise TrialError where a pad would come too near to something."""
+    """Raise TrialError where a pad would come too near to something; one that begins so has to get clear of it."""
+    least: dict[tuple[str, str], float] = {}
+
+    def look(side: str, what: str, gap: float, clear: float) -> None:
+        if gap < (clear if t_s == path.duration_s else least.setdefault((side, what), min(clear, gap - DIP_M))):
+            raise _refusal(side, what)
+
     table = description.table
     half = np.array(table.size_xy) / 2.0
     board = np.array([[*(np.array(table.centre_xy) - half), -1.0], [*(np.array(table.centre_xy) + half), table.top_z]])
@@ -178,12 +185,11 @@ def _look_along(
         placed = zip(arms, path.at(float(t_s)), description.pads, strict=True)
         boxes = [_pad_box(arm, q, pad.size) for arm, q, pad in placed]
         for side, box in zip(description.sides, boxes, strict=True):
-            if _near(box, board, CLEAR_OF_TABLE_M) or _near(box, floor, CLEAR_OF_TABLE_M):
-                raise _refusal(side, "the table")
-            if thing is not None and _near(box, thing, CLEAR_OF_OBJECT_M):
-                raise _refusal(side, "the object")
-        if len(boxes) == 2 and _near(boxes[0], boxes[1], CLEAR_OF_EACH_OTHER_M):
-            raise _refusal("left", "the right one")
+            look(side, "the table", min(_gap(box, board), _gap(box, floor)), CLEAR_OF_TABLE_M)
+            if thing is not None:
+                look(side, "the object", _gap(box, thing), CLEAR_OF_OBJECT_M)
+        if len(boxes) == 2:
+            look("left", "the right one", _gap(boxes[0], boxes[1]), CLEAR_OF_EACH_OTHER_M)
 
 
 def blocked_start(description: CellDescription, name: str, pose: ObjectPose) -> str:
@@ -192,13 +198,14 @@ def blocked_start(description: CellDescription, name: str, pose: ObjectPose) -> 
     w, _, _, z = pose.orientation_wxyz.tolist()
     box = _box(pose.position, 2.0 * atan2(z, w), thing)
     for side, arm, q, pad in zip(description.sides, arms, description.home, description.pads, strict=True):
-        if _near(_pad_box(arm, q, pad.size), box, CLEAR_OF_OBJECT_M):
+        if _gap(_pad_box(arm, q, pad.size), box) < CLEAR_OF_OBJECT_M:
             return f"{name} stands where the {side} pad starts: take it away"
     return ""
 
 
-def _near(a: Array, b: Array, clear_m: float) -> bool:
-    return bool(np.all(a[0] < b[1] + clear_m) and np.all(b[0] < a[1] + clear_m))
+def _gap(a: Array, b: Array) -> float:
+    """Return how far two boxes are apart along the axis where they are furthest, m; negative where they overlap."""
+    return float(np.maximum(a[0] - b[1], b[0] - a[1]).max())
 
 
 def _refusal(side: str, what: str) -> WayRefused:

@@ -181,3 +181,24 @@ def test_nowhere_to_go_takes_no_time():
     path = JointPath.between(here, here, JointSpeed(0.4, 1.0))
     assert path.duration_s == 0.0
     assert np.array_equal(path.at(0.0), here)
+
+
+def test_arms_that_sag_near_the_table_may_rise_from_it_and_not_sink(cell):
+    """A payload that the robot was not told of lets them sag by some mm at the end of a motion."""
+    from rtstack.trials import start_motion as module
+
+    arms = module.arm_controllers(cell, module.cell_parameters(cell))
+    homes = cell.home
+    low = homes.copy()
+    low[0, 1] += 0.018  # the left pad, some 7 mm lower
+
+    def looked(begin, end):
+        module._look_along(JointPath.between(begin, end, QUICK), arms, cell, None)
+
+    looked(low, homes)
+    with pytest.raises(TrialError, match="the left pad would come too near to the table"):
+        looked(homes, low)
+    lower = low.copy()
+    lower[0, 1] += 0.01
+    with pytest.raises(TrialError, match="the left pad would come too near to the table"):
+        looked(low, lower)
