@@ -222,7 +222,7 @@ class Server:
 
     def repeat_pose(self) -> None:
         """Send the last pose again, while the plant stands still and a program may begin to listen."""
-        if self._feed is not None:
+        if self._feed is not None and not self.cell.plant.away:
             self._feed.repeat(self._next_stamp_ns())
 
     def _next_stamp_ns(self) -> int:

@@ -156,7 +156,6 @@ def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, 
     assert "the operator" in said
 
 
-@pytest.mark.alone
 def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(real, tmp_path):
     """Without a person at a terminal it does not begin; with one, the arms move by themselves."""
     path, kind = real
