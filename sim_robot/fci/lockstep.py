@@ -22,6 +22,7 @@ from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.server import Server
 
 IDLE_PERIOD_S = 1e-3
+SEEN_MS = 200  # of the plant, until a tracker that is late has shown where the object was put
 # between two states before the first answer: the client's start takes one, its first read another one; a third one is
 # for a client that took both at its start, and late enough not to meet an answer on its way
 FIRST_REPEATS_S = (1e-3, 50e-3, 100e-3)
@@ -183,6 +184,8 @@ class Lockstep:
             self._server.show_grippers()
             if not any(arm_server.moving for arm_server in arm_servers):
                 self._server.repeat_pose()
-            self._server.tidy(now - self._tidied_s)
+            if self._server.tidy(now - self._tidied_s):
+                for _ in range(SEEN_MS):
+                    self._server.advance()
             self._tidied_s = now
             self._idle_due_s = now + IDLE_PERIOD_S

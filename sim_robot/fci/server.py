@@ -201,14 +201,19 @@ class Server:
             arm_server.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
         self._publish_pose()
 
-    def tidy(self, elapsed_s: float) -> None:
-        """Put the object back once no client was connected for TIDY_AFTER_S, as a person does between two trials."""
+    def tidy(self, elapsed_s: float) -> bool:
+        """Put the object back once no client was connected for TIDY_AFTER_S, as a person does between two trials.
+
+        Returns whether it stands elsewhere now.
+        """
         if self.hands_in_use or any(arm_server.link.client is not None for arm_server in self.arm_servers):
             self._alone_s, self._tidy = 0.0, False
         elif not self._tidy:
             self._alone_s += elapsed_s
             if self._alone_s >= TIDY_AFTER_S:
                 self._tidy, self._alone_s = self.cell.plant.put_object_back(), 0.0
+                return self._tidy
+        return False
 
     def feed_tracker(self, feed: TrackerFeed) -> None:
         """Publish what the motion capture sees, from now on."""
