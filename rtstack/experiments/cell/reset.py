@@ -61,6 +61,7 @@ class Reset:
         What the tracker says is of now afterwards: a simulated robot in lockstep has shown nothing while no arm moved.
         """
         description, name = planned.run.description, planned.run.specification.object
+        self._clear(planned, case_id)
         self._put_down(description, name, case_id)
         if blocks_start(self.cell, description, name):
             self.cell = self._put_back() or self.cell
@@ -75,8 +76,7 @@ class Reset:
         meanwhile, WayRefused where the arms have to go to the start first.
         """
         description, name = planned.run.description, planned.run.specification.object
-        if planned.clear:
-            self._wait(lambda: CLEAR if object_is_seen(self.cell, description) else "", Kind.PERSON, case_id)
+        self._clear(planned, case_id)
         if planned.wanted is None:
             return
         if blocks_start(self.cell, description, name):
@@ -94,6 +94,12 @@ class Reset:
             by_arms &= placed is None  # the arms try again once it is seen to stand upright
             if self._by_a_person(description, name, planned.wanted, case_id, by_arms):
                 return
+
+    def _clear(self, planned: CellRun, case_id: str) -> None:
+        """Where nothing may stand on the table, wait until the tracker sees nothing."""
+        description = planned.run.description
+        if planned.clear:
+            self._wait(lambda: CLEAR if object_is_seen(self.cell, description) else "", Kind.PERSON, case_id)
 
     def _put_down(self, description: CellDescription, name: str, case_id: str) -> None:
         if holds(self.cell, description):
