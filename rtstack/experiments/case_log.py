@@ -8,6 +8,7 @@ from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.log.writing.job import values_of
+from rtstack.trials.errors import TrialError
 
 
 def case_log(path: Path, case: Case, digest: str) -> Log | None:
@@ -21,13 +22,20 @@ def case_log(path: Path, case: Case, digest: str) -> Log | None:
 
 
 def row_of(experiment: Experiment[Any, Any], case: Case, path: Path) -> Row | None:
-    """Return the row of a case from its log, with what the engine adds; None where that is not a complete one."""
+    """Return the row of a case from its log, with what the engine adds; None where that is not a complete one.
+
+    Raises TrialError with one line where the kind of experiment raises.
+    """
     log = case_log(path, case, experiment.digest)
     if log is None:
         return None
     git_commit = log.metadata.get("trial", {}).get("git_commit", "unknown")
     origin = {"git_commit": git_commit, "digest": experiment.digest, "wall_s": None, "worker": None}
-    return experiment.row_of_log(case, log) | origin
+    try:
+        return experiment.row_of_log(case, log) | origin
+    except Exception as error:  # of a plug-in
+        where = f"{type(experiment).__module__}.{type(experiment).__qualname__}"
+        raise TrialError(f"{where}: row_of_log of {case.id}: {type(error).__name__}: {error}") from error
 
 
 def recorded_result(log: Log, columns: Mapping[str, Any]) -> dict[str, Any]:

@@ -152,7 +152,7 @@ def test_what_takes_two_arms_or_the_other_one_is_refused_in_one_line(pushed, dem
         (("trial", "--reference", pushed.plan, *other), "it is of the right arm, and the cell has the left arm"),
         (("play", pushed.log), "it has no samples of the left arm: there is nothing to play"),
         (("tune-monitor", *[pushed.log] * 6, "--out", "tuning.toml", *one), "a monitor takes two arms"),
-        (("bench", "loop", "--cell", "fci:127.0.0.11"), "takes two arms, and the cell grab has the left one alone"),
+        (("teach", "a.mcap", "--cell", "fci:127.0.0.11"), "takes two arms, and the cell grab has the left one alone"),
         (("twin", pushed.log, "--out", "twin", *other), "it has no samples of the left arm: it says nothing about it"),
     ):  # fmt: skip
         done = command_line(*words, cwd=tmp_path)

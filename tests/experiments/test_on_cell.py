@@ -20,6 +20,7 @@ from rtstack.cells import default_cell_file
 from rtstack.cli.terminal import Terminal
 from rtstack.experiments import attempts
 from rtstack.experiments.attempts import Attempt, Kind, aborted
+from rtstack.experiments.case_log import row_of
 from rtstack.experiments.cell.reset import Reset, instruction
 from rtstack.experiments.cell.runner import CellRunner
 from rtstack.experiments.cell.schedule import CellSchedule, control_case, ordered
@@ -384,3 +385,15 @@ def test_arms_that_were_lost_are_connected_to_again(monkeypatch):
         assert host.recover() is host._cell
     assert opened == ["a run", "a run"]
     assert recovered == ["new left", "new right", "left", "new left", "new right"]
+
+
+def test_a_kind_that_raises_on_a_log_is_named_in_one_line(monkeypatch):
+    class Broken:
+        digest = "abc"
+
+        def row_of_log(self, case, log):
+            raise ValueError("cannot reshape")
+
+    monkeypatch.setattr("rtstack.experiments.case_log.case_log", lambda *asked: SimpleNamespace(metadata={}))
+    with pytest.raises(TrialError, match=r"test_on_cell\..*Broken: row_of_log of a case: ValueError: cannot reshape"):
+        row_of(Broken(), OneCase("a case", 0), Path("log.mcap"))

@@ -120,9 +120,9 @@ class Tracking(Experiment[Plan, Case]):
 
 def _error_m(log: Log) -> float:
     """Return the root mean square of the pads' distance from their reference, from the start to 0.1 s before the
-    impact."""
+    impact, or to where the trial was stopped before."""
     columns = log_columns(log)
-    count = round((float(log.metadata["trial"]["nominal_impact_s"]) - 0.1) / 1e-3)
+    count = min(round((float(log.metadata["trial"]["nominal_impact_s"]) - 0.1) / 1e-3), columns.arm.shape[1])
     position = columns.arm["O_T_EE"][:, :count].reshape(2, count, 4, 4)[..., :3, 3]
     moved = position - position[:, :1]
     wanted = columns.control["pose_ref"][:, :count, :3]
