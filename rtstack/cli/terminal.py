@@ -110,7 +110,7 @@ class Terminal:
                 self._cell = None
 
     def put_back(self) -> Cell | None:
-        """See CellHost. A simulated robot puts the object back when a client comes."""
+        """See CellHost. A simulated robot puts the object back while no client is connected."""
         return None if self.has_person else self._opened_again(_PUT_BACK_S)
 
     def _opened_again(self, after_s: float = 0.0) -> Cell:
