@@ -34,8 +34,10 @@ test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chrom
 long: setup  ## slow tests that rarely fail, or that another test covers: before a release
 	$(BIN)/python -m pytest --durations 8 -m 'long and not realtime'
 
+# types take a core for a minute, the others another one meanwhile
 check: setup  ## lint, types, import rules
-	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/basedpyright && $(BIN)/lint-imports
+	@{ $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports; } & others=$$!; \
+	    NODE_OPTIONS=--max-semi-space-size=128 $(BIN)/basedpyright; types=$$?; wait $$others && exit $$types
 
 docs: setup  ## the documentation's site, warnings as errors, into out/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"

@@ -27,16 +27,12 @@ class Arm(Protocol):
 
         Raises CommandRejected when the arm has left torque control.
         """
-        ...
 
     def stop(self) -> None:
         """End torque control: the arm holds with its own brakes and controllers. Never raises, may be called twice."""
-        ...
 
     def recover(self) -> None:
         """Clear a latched error. Raises RecoveryRefused while its cause persists."""
-        ...
 
     def close(self) -> None:
         """Stop, and release the connection. Never raises, may be called twice."""
-        ...

@@ -24,7 +24,6 @@ class ArmLink(Protocol):
 
     def start(self) -> None:
         """Take torque control of all arms at once. Raises CommandRejected, ConnectionLost."""
-        ...
 
     def wait(self) -> int:
         """Block until a state has arrived; return the mask of LEFT and RIGHT whose `read` returns at once.
@@ -35,7 +34,6 @@ class ArmLink(Protocol):
 
     def set_collisions(self, *arms: CollisionBehaviour) -> None:
         """Tell each arm how hard it may be touched in the next motion. Raises CommandRejected, ConnectionLost."""
-        ...
 
     def move(self, goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
         """Move the arms together, from rest to rest, to the postures goal (arms, 7), rad, no joint faster than this.
@@ -50,7 +48,6 @@ class ArmLink(Protocol):
 
         at_rest: the arms stand still; then the second one is answered for as long as the first one takes.
         """
-        ...
 
     def recover(self) -> tuple[str, ...]:
         """Recover the arms that are in reflex, all before saying no; return one line for each that was.
@@ -61,7 +58,6 @@ class ArmLink(Protocol):
 
     def close(self) -> None:
         """Release what belongs to the arms together. Never raises."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,4 +52,3 @@ class Gripper(Protocol):
 
     def close(self) -> None:
         """Release the connection; what is held stays held. Never raises, may be called twice."""
-        ...

@@ -20,4 +20,3 @@ class Sensor(Protocol):
         Called once a tick. It must not block, wait, allocate or raise, and leaves the sample alone (t_ns is -1) until
         there is one. A sample whose t_ns is the last one's is not published again.
         """
-        ...

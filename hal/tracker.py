@@ -129,4 +129,3 @@ class ClosableTracker(ObjectTracker, Protocol):
 
     def close(self) -> None:
         """Stop listening. Never raises."""
-        ...

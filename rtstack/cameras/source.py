@@ -32,11 +32,9 @@ class Camera(Protocol):
     def read(self) -> tuple[int, NDArray[np.uint8]] | None:
         """Return the next picture (rows, columns, 3), RGB, and its time in the log's clock, ns; None where there is
         none yet, after 0.1 s at most. Raises OSError with the reason where there will be none any more."""
-        ...
 
     def close(self) -> None:
         """Release it. Never raises."""
-        ...
 
 
 CAMERAS = ExtensionPoint[Callable[[CameraRequest], Camera]]("rtstack.cameras", "camera", cast(Any, Callable))

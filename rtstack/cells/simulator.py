@@ -54,7 +54,7 @@ class Simulator:
             addresses = {side: address for side, address in zip(_SIDES, pair, strict=True) if side in sides}
             self.left, self.right = map(addresses.get, _SIDES)
             command = [
-                sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
+                sys.executable, "-m", "rtstack", "sim", "--tracker", f"{host}:{port}",
                 *(f"--{side}={address}" for side, address in addresses.items()), *only,
                 "--object", object_name or "none",
                 f"--displacement-mm={shift.y_m * 1e3!r}", f"--displacement-x-mm={shift.x_m * 1e3!r}",

@@ -5,7 +5,7 @@ import json as json_module
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import typer
@@ -56,7 +56,7 @@ def _lines(result: "GuideResult", sides: Sequence[str]) -> list[str]:
 
 @commands.command()
 def wiggle(
-    side: Annotated[str, typer.Argument(metavar="left|right", help="Which arm, as the cell's file calls it.")],
+    side: Annotated[Literal["left", "right"], typer.Argument(help="Which arm, as the cell's file calls it.")],
     joint: Annotated[int, typer.Option(help="Which joint.", min=1, max=7)] = 1,
     cell: CellKind = "direct",
     profile: Profile = None,
@@ -67,8 +67,6 @@ def wiggle(
     from rtstack.identification.sweep import PreparedWiggle
     from rtstack.trials.specification import SweepSpecification
 
-    if side not in ("left", "right"):
-        raise typer.BadParameter(f"{side}: left or right")
     host = Terminal.of(cell, profile, cell_file, f"joint {joint} of the {side} arm by a degree", led=True)
     description = host.description
     if side not in description.sides:

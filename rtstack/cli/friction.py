@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rtstack.cli.exit_status import fail
-from rtstack.cli.options import CellFile, CellKind, Profile, Seed
+from rtstack.cli.options import CellFile, CellKind, Profile, Seed, check_new
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
@@ -62,10 +62,7 @@ def identify_friction(
     description = host.description
     if output.suffix != ".toml":
         raise TrialError(f"{output}: a friction's file is a .toml")
-    if output.exists():
-        raise TrialError(f"{output} exists: choose another name, or remove it")
-    if not output.parent.is_dir():
-        raise TrialError(f"cannot write {output}: the folder {output.parent} does not exist")
+    check_new(output)
     identification = Identification(description)
     logs = output.with_name(f"{output.stem}-logs")
     missing = [  # an interrupted command keeps its logs, and is given again

@@ -3,7 +3,7 @@
 import sys
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -29,7 +29,7 @@ def host_setup(
     isolate: Annotated[
         int | None, typer.Option(help="CPUs for the loop alone; by default one, where there are four.", min=0)
     ] = None,
-    kernel: Annotated[str, typer.Option(help="rt (PREEMPT_RT) or generic.")] = "generic",
+    kernel: Annotated[Literal["rt", "generic"], typer.Option(help="rt is PREEMPT_RT.")] = "generic",
     units: Annotated[bool, typer.Option("--units", help="Install the systemd units too.")] = False,
     root: Annotated[Path, typer.Option(metavar="DIR", help="Another machine's files.", readable=False)] = Path("/"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show every change, and make none.")] = False,
@@ -44,8 +44,6 @@ def host_setup(
             return
         texts = unit_texts() if units else {}
         interfaces = tuple(Interface.parse(each) for each in nic or [])
-        if kernel not in ("rt", "generic"):
-            raise HostSetupError(f"--kernel {kernel}: choose rt or generic")
         plan = make_plan(machine, Wishes(tuple(user or []), interfaces, isolate, kernel, texts))
         for change in plan.changes:
             typer.echo(f"# {change.why}")

@@ -3,7 +3,7 @@
 import json as json_module
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import typer
@@ -22,7 +22,8 @@ commands = typer.Typer()
 def impact_map(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="A scene, such as deploy/impacts/grab.toml.")],
     reflected: Annotated[
-        str | None, typer.Option(help="Inertia of the motors, B_theta, B or none; the default is the scene's.")
+        Literal["B_theta", "B", "none"] | None,
+        typer.Option(help="Inertia of the motors; the default is the scene's."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -33,9 +34,7 @@ def impact_map(
 
     found = load_scene(scene)
     if reflected is not None:
-        if reflected not in list(ReflectedInertia):
-            raise SceneError(f"--reflected {reflected}: choose one of {', '.join(ReflectedInertia)}")
-        found = replace(found, reflected=reflected)
+        found = replace(found, reflected=ReflectedInertia(reflected))
     try:
         result = mapped(found)
     except SceneError as error:

@@ -3,10 +3,9 @@
 import getpass
 import time
 from dataclasses import asdict
-from enum import StrEnum
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +14,7 @@ from rtstack.cli.options import Json, LogFolder
 from rtstack.cli.tables import print_table
 from rtstack.log.errors import LogError
 from rtstack.log_folder.remarks import mark_reviewed
+from rtstack.log_folder.search import FilterRefused, Outcome, SortKey, ordered, search
 from rtstack.log_folder.trash import KEPT_DAYS, empty, trashed
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ commands.add_typer(logs, name="logs")
 _GB = 1e9
 _RESULTS = ("success", "failure_reason", "impact_verdict", "average_force_norm", "peak_force_norm", "max_lift_mm")
 _NOT_SET = "-"
-Choice = TypeVar("Choice", bound=StrEnum)
 
 
 @logs.command("list")
@@ -37,24 +36,22 @@ def logs_list(
     ] = None,
     folder: LogFolder = Path("logs"),
     kind: Annotated[str, typer.Option(help="trial, demonstration, recording, plan, playback ...")] = "",
-    outcome: Annotated[str, typer.Option(metavar="[any|success|failure|none]")] = "any",
-    sort: Annotated[str, typer.Option(metavar="COLUMN", help="when, name, average_force_norm ...")] = "when",
+    outcome: Annotated[Outcome, typer.Option(help="What came out.")] = Outcome.ANY,
+    sort: Annotated[SortKey, typer.Option(help="The column that the list is sorted by.")] = SortKey.WHEN,
     ascending: Annotated[bool, typer.Option("--ascending", help="The smallest first, or the oldest.")] = False,
     json: Json = False,
 ) -> None:
     """List logs that have every word somewhere in what is known of them, the newest first."""
     from rtstack.log_folder.catalogue import Catalogue
     from rtstack.log_folder.log_rows import log_row
-    from rtstack.log_folder.search import FilterRefused, Outcome, SortKey, ordered, search
 
-    wanted, key = _one_of(Outcome, outcome, "--outcome"), _one_of(SortKey, sort, "--sort")
     pairs = [(entry, log_row(entry, None)) for entry in Catalogue(folder).entries()]
     query = " ".join(words or [])
     try:
-        rows = search([pair for pair in pairs if kind in ("", pair[1].kind)], query, wanted)
+        rows = search([pair for pair in pairs if kind in ("", pair[1].kind)], query, outcome)
     except FilterRefused as error:
         raise LogError(str(error)) from None
-    rows = ordered(rows, key, not ascending)
+    rows = ordered(rows, sort, not ascending)
     if json:
         typer.echo(dumps({"logs": [asdict(row) for row in rows]}))
         return
@@ -167,10 +164,3 @@ def _said(value: str | None) -> str:
         return f"{float(value or ''):.4g}"
     except ValueError:
         return _NOT_SET if value is None else value
-
-
-def _one_of(kind: type[Choice], word: str, option: str) -> Choice:
-    try:
-        return kind(word)
-    except ValueError:
-        raise LogError(f"{option} {word}: choose one of {', '.join(kind)}") from None

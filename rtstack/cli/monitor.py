@@ -11,7 +11,7 @@ import typer
 
 from hal.base.configuration import toml_text
 from rtstack.cli.exit_status import FAILED
-from rtstack.cli.options import CellFile, Json
+from rtstack.cli.options import CellFile, Json, check_new
 from rtstack.cli.progress import progress_bar
 from rtstack.trials.errors import TrialError
 
@@ -42,12 +42,9 @@ def tune_monitor(
     from rtstack.trials.object import check_two_arms
     from rtstack.trials.tuning import check, tune
 
-    if out.exists():
-        raise TrialError(f"{out} exists already: choose another name")
     if out.parent == tuning_folder():
         out.parent.mkdir(parents=True, exist_ok=True)
-    if not out.parent.is_dir():
-        raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
+    check_new(out)
     if len(logs) < FEWEST:
         raise TrialError(f"{len(logs)} logs are too few to tune on and to check on: give at least {FEWEST}")
     description, _ = load_description(cell_file)

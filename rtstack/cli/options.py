@@ -9,6 +9,8 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from rtstack.trials.errors import TrialError
+
 
 def asks_for(kind: type, *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command with the parameter `asked`: the options that are named as fields of a specification.
@@ -45,6 +47,14 @@ def asks_for(kind: type, *without: str) -> Callable[[Callable[..., None]], Calla
         return with_record
 
     return decorate
+
+
+def check_new(path: Path) -> None:
+    """Raise TrialError for a file or folder that exists already, or that is to be made in a folder that does not."""
+    if path.exists():
+        raise TrialError(f"{path} exists: choose another name, or remove it")
+    if not path.parent.is_dir():
+        raise TrialError(f"cannot write {path}: the folder {path.parent} does not exist")
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]

@@ -2,13 +2,15 @@
 
 import os
 import signal
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import typer
 
 from hal.base.realtime import ANY_CPU, robot_cpu
 from rtstack.cli.options import CellFile, Faults, Profile, Seed, ShiftX, ShiftY, Yaw
 from rtstack.trials.errors import TrialError
+from sim_robot.desk.box import SELF_TEST_EVERY_S
 
 commands = typer.Typer()
 
@@ -22,8 +24,8 @@ def sim(
     left: Annotated[str, typer.Option(metavar="ADDR", help="Address of the left arm.")] = "127.0.0.11",
     right: Annotated[str, typer.Option(metavar="ADDR", help="Address of the right arm.")] = "127.0.0.12",
     only: Annotated[
-        str | None,
-        typer.Option(metavar="left|right", help="Serve this arm alone; so does a cell's file that has one arm."),
+        Literal["left", "right"] | None,
+        typer.Option(help="Serve this arm alone; so does a cell's file that has one arm."),
     ] = None,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="Wait for every moving arm's answer.")] = False,
     seed: Seed = 0,
@@ -39,9 +41,9 @@ def sim(
     yaw_deg: Yaw = 0.0,
     cell_file: CellFile = None,
     faults: Faults = None,
-    profile: Profile = None,
+    profile: Profile = "ideal",
     tracker: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Who is sent the object's poses (UDP).")
+        str, typer.Option(metavar="HOST:PORT", help="Where the object's poses are sent (UDP); empty for nowhere.")
     ] = "127.0.0.1:1341",
     phase_us: Annotated[float, typer.Option(help="How much later the right arm's clock ticks.")] = 0.0,
     drift_ppm: Annotated[float, typer.Option(help="How much faster the right arm's clock runs.")] = 0.0,
@@ -51,20 +53,26 @@ def sim(
         int | None,
         typer.Option(help="CPU to stay on, -1 for any; by default the first, the loop takes the last.", min=-1),
     ] = None,
+    parameters: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The plant's parameters: TOML as parameters/plant.toml.")
+    ] = None,
+    arms_seed: Annotated[
+        int | None, typer.Option(help="Seed of the arms' own parameters, by default --seed.", min=0)
+    ] = None,
+    slower: Annotated[
+        float, typer.Option(help="How many times slower than real time the robot runs.", min=1.0, max=100.0)
+    ] = 1.0,
+    self_test_due_s: Annotated[
+        float, typer.Option(help="With --desk: time until the first self-test is due.")
+    ] = SELF_TEST_EVERY_S,
 ) -> None:
     """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
-    arguments = [f"--scene={scene}", f"--seed={seed}", f"--tracker={tracker}", f"--phase-us={phase_us!r}"]
-    arguments += [f"--drift-ppm={drift_ppm!r}", f"--priority={priority}", f"--cpu={_chosen_cpu(cpu)}"]
-    shifts = {"displacement-mm": displacement_mm, "displacement-x-mm": displacement_x_mm, "yaw-deg": yaw_deg}
-    arguments += [f"--left={left}", f"--right={right}", f"--object={object_name}"]
-    arguments += [f"--{option}={value!r}" for option, value in shifts.items()]
-    named = {"cell-file": cell_file, "only": only, "profile": profile, "faults": faults}
-    arguments += [f"--{option}={value}" for option, value in named.items() if value is not None]
-    arguments += ["--lockstep"] * lockstep + ["--desk"] * desk
-    signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))  # the imports take seconds, and nothing runs yet
+    options: dict[str, Any] = {**locals(), "cpu": _chosen_cpu(cpu)}
+    # the imports take seconds, and nothing runs yet
+    signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))
     # nothing is drawn: with glfw MuJoCo looks for its library in a process that would outlive Ctrl-C, with a traceback
     os.environ.setdefault("MUJOCO_GL", "disable")
-    from sim_robot.fci.__main__ import main
+    from sim_robot.fci.program import Options, serve
 
     if cell_file is not None:
         from rtstack.model.cell_description import load_cell_description
@@ -80,10 +88,11 @@ def sim(
         if object_name == "none":
             return f"there is nothing to grab: play a log on it: rtstack play LOG.mcap {cell}"
         thing = f" --object {object_name}" * (object_name not in ("", "rice_box"))
+        shifts = {"displacement-mm": displacement_mm, "displacement-x-mm": displacement_x_mm, "yaw-deg": yaw_deg}
         shift = "".join(f" --{option}={value:g}" for option, value in shifts.items() if value != 0.0)
         return f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}{file}"
 
-    if status := main(arguments, prog="rtstack sim", next_step=next_step):
+    if status := serve(Options(**options), next_step):
         raise typer.Exit(status)
 
 

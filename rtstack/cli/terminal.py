@@ -17,6 +17,7 @@ from rtstack.cli.exit_status import FAILED
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
+from rtstack.experiments.cell.host import CellHost
 from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.model.cell_description import CellDescription
@@ -30,7 +31,7 @@ _PUT_BACK_S = 1.5  # a simulated robot that has had no client for a second puts 
 
 
 @dataclass(slots=True)
-class Terminal:
+class Terminal(CellHost):
     """Runs on a cell of `kind`. Arms that are not simulated move only while a person holds the space bar.
 
     what: the motion, for the person who confirms it. bar: the label of the progress bar, "" for none. log_path: of the
@@ -127,7 +128,6 @@ class Terminal:
             print(f"rtstack: warning: {text}", file=sys.stderr)
 
     def carry_out(self, run: PreparedRun[R], log: Path, record: Mapping[str, str] = {}) -> R:
-        """See CellHost."""
         self.log_path, self.record = log, record or None
         return carry_out(run, self)
 
@@ -146,27 +146,22 @@ class Terminal:
 
     @property
     def has_person(self) -> bool:
-        """See CellHost."""
         return self.check().needed
 
     @property
     def stopped(self) -> str:
-        """See CellHost."""
         stop = None if self._context is None else self._context.stop
         return "stopped between two runs" if stop is not None and stop.stop_requested else ""
 
     @property
     def paused(self) -> str:
-        """See CellHost."""
         return self._paused
 
     def look(self, reason: str) -> None:
-        """See CellHost."""
         if self.has_person:
             self._paused = f"{reason}: look at the cell, then press p to go on"
 
     def ask(self, what: str) -> None:
-        """See CellHost."""
         if not self.has_person:
             raise TrialError(f"{what}: simulated arms have no person who does; --cell lockstep does it by itself")
         self._paused = f"{what}, then press p"

@@ -20,19 +20,18 @@ _PATIENCE_S = 10.0
 commands = typer.Typer()
 token = typer.Typer(help="Let programs use the console (bearer tokens), and a browser back in (sign-in).")
 commands.add_typer(token, name="token")
-ScopeName = Annotated[str, typer.Option("--scope", help="view: look, and press STOP; operate: everything.")]
+ScopeName = Annotated[Scope, typer.Option("--scope", help="view: look, and press STOP; operate: everything.")]
 
 
 @token.command("create")
 def token_create(
     name: Annotated[str, typer.Option(help="What the program is called, in the audit trail too.")],
-    scope: ScopeName = "view",
+    scope: ScopeName = Scope.VIEW,
     logs: LogFolder = Path("logs"),
 ) -> None:
     """Make a token for a program and print it, once."""
-    wanted = _scope(scope)
     with _tokens(logs) as tokens:
-        token, word = tokens.create(name, wanted)
+        token, word = tokens.create(name, scope)
     typer.echo(word)
     typer.echo("Keep it: it cannot be shown again. Requests bring it as `Authorization: Bearer TOKEN`.", err=True)
     _note(logs, f"made token {token.id} for {token.name}: {token.scope}")
@@ -62,7 +61,7 @@ def token_revoke(
 
 @token.command("sign-in")
 def token_sign_in(
-    scope: ScopeName = "operate",
+    scope: ScopeName = Scope.OPERATE,
     logs: LogFolder = Path("logs"),
     console: Annotated[str, typer.Option(metavar="URL", help="Of the running console.")] = "http://127.0.0.1:8080",
 ) -> None:
@@ -71,12 +70,11 @@ def token_sign_in(
 
     from rtstack.access.authority import Authority
 
-    wanted = _scope(scope)
     with _tokens(logs) as tokens:  # the console is asked with a token that is good for this question alone
-        token, word = tokens.create(f"sign-in {secrets.token_hex(4)}", _scope("operate"))
+        token, word = tokens.create(f"sign-in {secrets.token_hex(4)}", Scope.OPERATE)
         try:
             answer = httpx.post(
-                f"{console}/api/invitations", json={"scope": wanted}, headers={"authorization": f"Bearer {word}"},
+                f"{console}/api/invitations", json={"scope": scope}, headers={"authorization": f"Bearer {word}"},
                 trust_env=False, timeout=_PATIENCE_S, verify=Authority.trusting(),
             )  # fmt: skip
         except (httpx.HTTPError, httpx.InvalidURL):
@@ -91,12 +89,6 @@ def token_sign_in(
         raise TrialError(f"the console at {console} answers {answer.status_code}")
     typer.echo(answer.json()["address"])
     typer.echo("Open it in a browser: it signs one in, once, within some minutes.", err=True)
-
-
-def _scope(word: str) -> Scope:
-    if word not in list(Scope):
-        raise TrialError(f"--scope: one of {', '.join(Scope)}, not {word}")
-    return Scope(word)
 
 
 @contextmanager

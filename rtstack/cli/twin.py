@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hal.base.configuration import read_toml
-from rtstack.cli.options import CellFile
+from rtstack.cli.options import CellFile, check_new
 from rtstack.cli.replay import forces
 from rtstack.trials.errors import TrialError
 
@@ -42,10 +42,7 @@ def twin(
     from sim_robot.plant_parameters import load_plant_parameters
 
     description, source = load_description(cell_file)
-    if out.exists():
-        raise TrialError(f"{out} exists: choose another name, or remove it")
-    if not out.parent.is_dir():
-        raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
+    check_new(out)
     for path in held_out:
         if any(path.samefile(other) for other in (*logs, *unloaded) if path.exists() and other.exists()):
             raise TrialError(f"{path} is to be held out, and to be fitted: leave it out of one of them")

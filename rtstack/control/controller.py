@@ -52,11 +52,9 @@ class ArmLaw(Protocol):
 
     def follow(self, ante: NDArray[void], post: NDArray[void]) -> None:
         """Take the references (n,) of POINT, a point a tick, that setpoints will be made of."""
-        ...
 
     def observe(self) -> None:
         """Take what was just observed of the arm. Called for all arms with a new state before any is commanded."""
-        ...
 
     def command(self, mode: Mode) -> QpStatus:
         """Write the arm's `tau_desired` for its setpoint. Called in the modes that move, not while the arms stop.
@@ -98,15 +96,12 @@ class Controller(Protocol):
 
     def follow(self, ante: NDArray[void], post: NDArray[void], stiffness: NDArray) -> None:
         """Take the references (arms, n) of POINT and the plan's stiffness (6,), N/m and Nm/rad, before a clock runs."""
-        ...
 
     def observe(self, side: int, elapsed_ns: int) -> None:
         """Take the state in an arm's sample, so long after the arm's first one."""
-        ...
 
     def decide(self, t_s: float) -> None:
         """Advance the shared mode. t_s: since the start of the reference."""
-        ...
 
     def command(self, side: int, elapsed_ns: int, index: int) -> QpStatus:
         """Choose an arm's setpoint at the reference's tick `index`, and write its `tau_desired`."""
@@ -114,4 +109,3 @@ class Controller(Protocol):
 
     def finish(self) -> None:
         """Write what concerns the arms together, once those of this turn are commanded."""
-        ...

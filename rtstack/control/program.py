@@ -32,7 +32,7 @@ class Program(Protocol):
         ...
 
 
-class ProxqpProgram:
+class ProxqpProgram(Program):
     """proxsuite dense, PrimalLDLT, the bounds as a box, warm-started with the last answer."""
 
     def __init__(self) -> None:
@@ -54,7 +54,6 @@ class ProxqpProgram:
 
     def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
               x: Array) -> tuple[QpStatus, int]:  # fmt: skip
-        """See Program."""
         arguments = {"H": H, "g": gradient, "C": M, "l": tau_lower, "u": tau_upper, "l_box": lower, "u_box": upper}
         if self._started:
             self._qp.update(**arguments)
@@ -82,7 +81,7 @@ class ProxqpProgram:
         return QpStatus.ITERATIONS_EXHAUSTED, iterations
 
 
-class DaqpProgram:
+class DaqpProgram(Program):
     """daqp: a dual active-set method, exact in a finite number of steps."""
 
     def __init__(self) -> None:
@@ -93,7 +92,6 @@ class DaqpProgram:
 
     def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
               x: Array) -> tuple[QpStatus, int]:  # fmt: skip
-        """See Program."""
         self._upper[:7] = upper
         self._upper[7:] = tau_upper
         self._lower[:7] = lower

@@ -31,11 +31,9 @@ class Format(Protocol):
 
     def write(self, episode: Episode, path: Path) -> None:
         """Write an episode as a file. Raises LogError for one that cannot be."""
-        ...
 
     def join(self, episodes: Sequence[Path], whole: Path) -> None:
         """Make the data set `whole`, which is not there, of the episodes' files, which stay."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

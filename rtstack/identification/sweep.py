@@ -138,7 +138,6 @@ class PreparedWiggle(PreparedRun[MotionResult]):
         """See PreparedRun: it begins where the arms are."""
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> MotionResult:
-        """See PreparedRun."""
         parameters = cell_parameters(self.description)
         q = where_arms_stand(self.description, cell).q
         joint = self.specification.joint - 1

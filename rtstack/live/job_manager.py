@@ -18,7 +18,7 @@ from rtstack.live.protocol import Job, JobSpecification, JobState, RunRequest, S
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.watchdogs import WatchdogTrip
+from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.safety.arming import Refused
 from rtstack.samples import Level
 from rtstack.trials.errors import TrialError
@@ -32,7 +32,7 @@ from rtstack.trials.specification import (
 )
 
 
-class JobManager:
+class JobManager(Watchdog):
     """Accepts one job at a time from an operator whom the control authority allows, and reports its status.
 
     A rtstack.loop.watchdogs.Watchdog too: it ends a session when the process has to end.
@@ -179,7 +179,6 @@ class JobManager:
         self._news.set()
 
     def trip(self) -> WatchdogTrip | None:
-        """See Watchdog."""
         return self._ending
 
     @property

@@ -8,7 +8,7 @@ import socket
 import time
 from contextlib import suppress
 
-from rtstack.loop.watchdogs import WatchdogTrip
+from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 
 EVERY_S = 1.0  # the units' WatchdogSec is a minute
 
@@ -37,7 +37,7 @@ class Notifier:
             self._socket.close()
 
 
-class Pulse:
+class Pulse(Watchdog):
     """The loop's thread counts its turns; another thread looks whether there were any, and tells the manager.
 
     A rtstack.loop.watchdogs.Watchdog too, so that it is asked in every tick: it never trips.
@@ -52,7 +52,6 @@ class Pulse:
         self._turns += 1
 
     def trip(self) -> WatchdogTrip | None:
-        """See Watchdog."""
         self._turns += 1
         return None
 

@@ -78,11 +78,9 @@ class PointSource(Protocol):
     def listen(self) -> None:
         """Take what has come since the last tick: requests, what the arms have reached. Once a tick, before `step`,
         and before this source is asked as a watchdog, which it has to be. Never waits."""
-        ...
 
     def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of an arm, by its place among the arms, whose state was just observed. Never waits."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,10 +55,9 @@ class Watchdog(Protocol):
 
     def trip(self) -> WatchdogTrip | None:
         """Return why the session has to stop, None while all is well. Asked once a tick; never waits or raises."""
-        ...
 
 
-class Heartbeat:
+class Heartbeat(Watchdog):
     """Trips where a word of signs of life has not moved on: `read_ns` gives the host's monotonic time of the last one.
 
     Who has never given one (0) is gone from the first tick on: beat before the session begins.
@@ -71,7 +70,6 @@ class Heartbeat:
         self._end = end
 
     def trip(self) -> WatchdogTrip | None:
-        """See Watchdog."""
         last_ns = self._read_ns()
         silent_ns = time.monotonic_ns() - last_ns
         if silent_ns <= self._limit_ns and last_ns:
@@ -81,20 +79,19 @@ class Heartbeat:
         return WatchdogTrip(self._end, f"{what}, allowed {self._limit_s:g} s", value=silent_s, bound=self._limit_s)
 
 
-class Parent:
+class Parent(Watchdog):
     """Trips where the process that started this one has ended: the result is no longer needed."""
 
     def __init__(self) -> None:
         self._pid = os.getppid()
 
     def trip(self) -> WatchdogTrip | None:
-        """See Watchdog."""
         if os.getppid() == self._pid:
             return None
         return WatchdogTrip(End.PARENT_GONE, f"process {self._pid} has ended")
 
 
-class TickOverrun:
+class TickOverrun(Watchdog):
     """Trips where the arms' turns together took longer than a period, OVERRUN_TICKS times in a row for one of them.
 
     Only where the robot does not wait. One long turn counts once for each arm, and is forgotten with the next one.
@@ -113,7 +110,6 @@ class TickOverrun:
             self._long_ticks[k] = self._long_ticks[k] + 1 if long else 0
 
     def trip(self) -> WatchdogTrip | None:
-        """See Watchdog."""
         if max(self._long_ticks) < OVERRUN_TICKS:
             return None
         took_s = sum(self._took_ns) * 1e-9
@@ -121,7 +117,7 @@ class TickOverrun:
         return WatchdogTrip(End.TICK_OVERRUN, detail, value=took_s, bound=CONTROL_PERIOD_S)
 
 
-class FirstTorque:
+class FirstTorque(Watchdog):
     """Trips where one arm has shown a torque of ours, and the other one none in FIRST_TORQUE_TICKS of its states: its
     robot holds it while the first one moves. Where neither shows one, neither moves.
     """
@@ -133,7 +129,6 @@ class FirstTorque:
         ]
 
     def trip(self) -> WatchdogTrip | None:
-        """See Watchdog."""
         for side, echo, other in self._pairs:
             if other.seen and not echo.seen and echo.lost >= FIRST_TORQUE_TICKS:
                 return WatchdogTrip(

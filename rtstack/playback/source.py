@@ -14,7 +14,7 @@ from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import TARGET, Mailbox
-from rtstack.loop.watchdogs import WatchdogTrip
+from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.playback.path import brake, end_s, follow, write_point
 from rtstack.samples import SIDES, Level, Mode
 from rtstack.trials.run_context import SoftStop
@@ -25,7 +25,7 @@ CONTACT_N = 20.0
 CONTACT_TICKS = 20
 
 
-class PlaybackSource:
+class PlaybackSource(Watchdog):
     """Follows the stations of each arm, (n,) of STATION each, at a pace (1,) of PACE. points (arms, 1): the plan's."""
 
     def __init__(
@@ -87,7 +87,6 @@ class PlaybackSource:
             self._end_s = end_s(self._paces)
 
     def trip(self) -> WatchdogTrip | None:
-        """See rtstack.loop.watchdogs.Watchdog."""
         if self.contact:
             return WatchdogTrip(End.CRASH, self.contact)
         if self._unbegun:

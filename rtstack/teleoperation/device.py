@@ -45,7 +45,6 @@ class InputDevice(Protocol):
 
     def close(self) -> None:
         """Release the device. Never raises."""
-        ...
 
 
 # each a callable (argument: str) -> InputDevice; argument: what stands behind NAME: on the command line, "" for nothing

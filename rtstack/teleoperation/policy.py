@@ -100,11 +100,9 @@ class Policy(Protocol):
 
     def act(self, observation: Observation) -> Chunk | None:
         """Return what the arms are to do, None for no answer. 0.3 s without an answer stop the arms."""
-        ...
 
     def close(self) -> None:
         """Release what it holds. Never raises."""
-        ...
 
 
 # each a callable (argument: str) -> Policy; argument: what stands behind NAME: on the command line, "" for nothing

@@ -16,7 +16,7 @@ from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import TARGET, Mailbox, Release
-from rtstack.loop.watchdogs import CLUTCH_S, WatchdogTrip
+from rtstack.loop.watchdogs import CLUTCH_S, Watchdog, WatchdogTrip
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import SIDES, Level
 from rtstack.teleoperation.follower import AIM, FOLLOWER, advance, aim, begin, hold, write_point
@@ -46,7 +46,7 @@ def quiet(quiet_ns: int) -> WatchdogTrip | None:
     return WatchdogTrip(End.CLUTCH_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
 
 
-class Clutch:
+class Clutch(Watchdog):
     """A watchdog that ends a session with its clutch. clock: the host's monotonic time, ns."""
 
     def __init__(self, mailbox: Mailbox, job: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
@@ -62,7 +62,6 @@ class Clutch:
         return self._beat_ns > 0
 
     def trip(self) -> WatchdogTrip | None:
-        """See rtstack.loop.watchdogs.Watchdog."""
         return quiet(self._clock() - self._beat_ns) if self.held else released(self._release)
 
 

@@ -83,7 +83,6 @@ class Host(Protocol):
 
     def warn(self, text: str) -> None:
         """Show a person one line about the cell."""
-        ...
 
     def accompany(self, run: PreparedRun, cell: Cell) -> AbstractContextManager[RunContext]:
         """Give what accompanies the run, without its log: a person has allowed the motion. Raises TrialError."""
@@ -91,7 +90,6 @@ class Host(Protocol):
 
     def log(self, run: PreparedRun, cell: Cell) -> RunLog | None:
         """Start the log; None where none is written. Raises LogError, TrialError."""
-        ...
 
 
 def carry_out(run: PreparedRun[R], host: Host) -> R:

@@ -29,7 +29,6 @@ class PreparedDemonstration(PreparedRun[DemonstrationResult]):
     specification: DemonstrationSpecification
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> DemonstrationResult:
-        """See PreparedRun."""
         return run_demonstration(self.specification, self.description, cell, context, way=way)
 
 

@@ -38,11 +38,9 @@ class PreparedMotion(PreparedRun[MotionResult]):
 
     @property
     def noise_seed(self) -> int:
-        """See PreparedRun."""
         return self.noise
 
     def about(self) -> dict[str, Any]:
-        """See PreparedRun."""
         return {"overwrite": self.overwrite}
 
     def start_motion(self, cell: Cell) -> StartMotion | None:
@@ -50,7 +48,6 @@ class PreparedMotion(PreparedRun[MotionResult]):
         return start_motion(cell, self.description, "")
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> MotionResult:
-        """See PreparedRun."""
         reason, columns = run_motion(self.plan, self.description, self.parameters, cell, context, way=way)
         return MotionResult(reason is None, reason, columns)
 

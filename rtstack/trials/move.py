@@ -18,7 +18,7 @@ from rtstack.control.records import POINT
 from rtstack.control.tick import CellController
 from rtstack.loop.end import End
 from rtstack.loop.session import SessionPlan
-from rtstack.loop.watchdogs import WatchdogTrip
+from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.model.cell_description import CellDescription, LoadPolicy, base_frame
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing
@@ -84,7 +84,6 @@ class PreparedMove(PreparedRun[MoveResult]):
         """See PreparedRun: it begins where the arms are."""
 
     def run(self, cell: Cell, context: RunContext = NO_CONTEXT, way: StartMotion | None = None) -> MoveResult:
-        """See PreparedRun."""
         specification, description = self.specification, self.description
         parameters, limits = cell_parameters(description), limits_of_arms(description)
         control, motion = parameters.control, specification.motion
@@ -190,7 +189,7 @@ def _home(description: CellDescription, parameters: Parameters) -> Home:
     return Home(np.array([p for p, _ in poses]), np.array([R for _, R in poses]), homes[:, joint].copy())
 
 
-class _Hand:
+class _Hand(Watchdog):
     """A point source whose points are where the arms are, and a watchdog that ends it after so many seconds."""
 
     def __init__(self, seconds: float | None, arms: int) -> None:
@@ -211,7 +210,6 @@ class _Hand:
             self._began_ns = self._now_ns if self._began_ns is None else self._began_ns
 
     def trip(self) -> WatchdogTrip | None:
-        """See rtstack.loop.watchdogs.Watchdog."""
         if self._most_ns is None or self._began_ns is None or self._now_ns - self._began_ns < self._most_ns:
             return None
         return WatchdogTrip(End.COMPLETED, "", Level.INFO)

@@ -78,11 +78,9 @@ class RunSamples(RunLog):
     history: History | None = None
 
     def take_from(self, history: History) -> None:
-        """See RunLog."""
         self.history = history
 
     def close(self, result: dict[str, Any]) -> str | None:
-        """See RunLog."""
         if self.history is not None:
             self.columns = self.history.columns()
         return None
@@ -105,11 +103,9 @@ class TrialLog(RunLog):
 
     @property
     def listening(self) -> tuple[Rings, ...]:
-        """See RunLog."""
         return (self.rings,)
 
     def wait_ready(self) -> None:
-        """See RunLog."""
         self._process.wait_ready()
         if self.cameras is not None:
             self.cameras.wait_ready()

@@ -31,7 +31,6 @@ class RunObserver(Protocol):
 
     def ended(self, end: End, detail: str) -> None:
         """Receive how the session ended, once both arms are at rest."""
-        ...
 
 
 Progress = Callable[[float], None]

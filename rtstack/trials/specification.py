@@ -254,16 +254,13 @@ class TeleoperationSpecification(_Asked):
 
     @property
     def title(self) -> str:
-        """See _Asked."""
         return f"{self.object}, {'recorded' if self.recorded else 'not recorded'}"
 
     @property
     def practice(self) -> bool:
-        """See _Asked."""
         return not self.recorded
 
     def as_job(self, number: int, operator: str, held: str) -> Self:
-        """See _Asked."""
         return replace(self, job=number, operator=operator)
 
 
@@ -285,7 +282,6 @@ class PlaybackSpecification(_Asked):
 
     @property
     def title(self) -> str:
-        """See _Asked."""
         return f"{Path(self.source).name} at {self.speed:g}x"
 
 
@@ -313,16 +309,13 @@ class MoveSpecification(_Asked):
 
     @property
     def title(self) -> str:
-        """See _Asked."""
         return _MOTION_TITLES[self.motion]
 
     @property
     def log_stem(self) -> str:
-        """See _Asked."""
         return f"move-{self.motion.replace('_', '-')}"
 
     def as_job(self, number: int, operator: str, held: str) -> Self:
-        """See _Asked."""
         return replace(self, object=held)
 
 

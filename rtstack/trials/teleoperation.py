@@ -170,7 +170,6 @@ class PreparedTeleoperation(PreparedRun[TeleoperationResult]):
         return PreparedRun.start_motion(self, cell) if self.specification.recorded else None
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> TeleoperationResult:
-        """See PreparedRun."""
         assert context.mailbox is not None  # every host of a teleoperation has one
         return run_teleoperation(self.specification, self.description, cell, context.mailbox, context, way=way)
 
@@ -241,11 +240,9 @@ class PreparedPolicy(PreparedTeleoperation):
 
     @property
     def displacement(self) -> Displacement:
-        """See PreparedRun."""
         return self.put
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> TeleoperationResult:
-        """See PreparedRun."""
         return run_policy(self.policy, self.specification, self.description, cell, context, rate_hz=self.rate_hz)
 
 

@@ -65,12 +65,10 @@ class PreparedTrial(PreparedRun[TrialResult]):
         return start_motion(cell, self.description, self.specification.object, self.displacement, start)
 
     def about(self) -> dict[str, Any]:
-        """See PreparedRun."""
         followed = Followed(Path(self.specification.reference), self.whole_reference)
         return {"reference": self.reference, "followed": followed}
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> TrialResult:
-        """See PreparedRun."""
         return run_trial(self, cell, context, way=way, criterion=self.criterion)
 
     @property

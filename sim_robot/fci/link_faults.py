@@ -62,7 +62,6 @@ class FaultyArmServer(ArmServer):
 
     @property
     def unsafe(self) -> bool:
-        """See ArmServer."""
         return self._injection.unsafe(self._side)
 
     @property

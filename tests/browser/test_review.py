@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import re
 import shutil
 from typing import Any
@@ -143,7 +144,8 @@ def open_log(page: Page, name: str, query: str = "") -> None:
 
 
 def peak(page: Page, name: str) -> float:
-    """Largest value that the curve of a signal shows."""
+    """Largest value that a curve shows, once it is drawn: its name is there before its samples are."""
+    page.wait_for_function(f"async () => (await ({_DRAWN})({json.dumps(name)})).length > 0")
     return max(drawn(page, name)[0]["y"])
 
 

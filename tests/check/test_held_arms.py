@@ -17,6 +17,7 @@ from sim_robot.cell import simulated_cell
 from sim_robot.faults.file import faults_in
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import NO_OBJECT
+from tests.support.sampling import sampled
 
 TICKS = 3000
 
@@ -29,7 +30,7 @@ def cell_with(gravity_compensation: float, seed: int) -> Cell:
     return simulated_cell(NO_OBJECT, 0.0, seed, parameters=parameters).as_cell("direct")
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", sampled(range(5), lambda seed: seed < 2))
 def test_arms_whose_weight_is_carried_stay_where_they_are(seed: int, cell: CellDescription) -> None:
     figures = bench_link(cell_with(0.005, seed), TICKS, cell)
     assert max(figures.hold_rad) < 0.5 * GOOD_RAD
@@ -46,7 +47,7 @@ def test_arms_whose_weight_is_nearly_carried_are_a_warning(cell: CellDescription
 
 
 @pytest.mark.parametrize("gravity_compensation", [0.5, 1.0])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", sampled(range(5), lambda seed: seed < 2))
 def test_arms_whose_weight_is_not_carried_are_held_stopped_and_told(
     gravity_compensation: float, seed: int, cell: CellDescription
 ) -> None:

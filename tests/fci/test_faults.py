@@ -116,14 +116,16 @@ def fail(robot: franka.Robot, ticks: int, law) -> None:
         torque_control(robot, ticks, law)
 
 
-def test_a_recovery_is_answered_once_the_arm_stands(realtime: Served) -> None:
+def test_a_recovery_is_answered_once_the_arm_stands(lockstep: Served) -> None:
     """A client that goes on at once, with a damping of its own, would otherwise begin in the middle of the braking."""
-    with RawClient(realtime.left) as raw:
+    with RawClient(lockstep.left) as raw:
         raw.connect()
         assert raw.move() == MoveStatus.MOTION_STARTED
+        fastest = 0.0
         while (state := raw.state())["robot_mode"] != RobotMode.REFLEX:
+            fastest = max(fastest, float(np.abs(state["dq"]).max()))
             raw.command(state, tau_J_d=-np.eye(7)[0] * min(abs(float(state["tau_J_d"][0])) + 0.9, 30.0))
-        assert np.abs(state["dq"]).max() > 1.0
+        assert fastest > 1.0
         raw.answer()
         raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
         assert raw.answer()[2] == b"\0"

@@ -2,6 +2,7 @@
 
 import contextlib
 import socket
+from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +69,11 @@ def test_a_reflex_and_the_recovery_of_the_one_arm() -> None:
         move_to(robot, np.array(load_scene().right.home) + 0.05, 500)
 
 
-def test_a_cells_file_with_one_arm_serves_this_arm(tmp_path: Path) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text('[left]\nmodel = "fr3"\n', encoding="utf-8")
-    with serve("--lockstep", "--cell-file", str(file)) as served:
+def test_a_cells_file_with_one_arm_serves_this_arm() -> None:
+    with (
+        as_file(files("deploy.cells") / "one_arm.toml") as file,
+        serve("--lockstep", "--cell-file", str(file)) as served,
+    ):
         assert refused(served.right, PORT)
         moved_by_a_torque(served.left)
 

@@ -7,8 +7,9 @@ import numpy as np
 import pylibfranka as franka
 import pytest
 
+from hal.base.configuration import ConfigurationError
 from hal.base.realtime import realtime_thread
-from sim_robot.fci.__main__ import main
+from sim_robot.fci.program import Options
 from sim_robot.fci.realtime import RightClock
 from tests.support.fci.client import connect, hold, measured, torque_control
 from tests.support.fci.motions import held
@@ -61,12 +62,13 @@ def test_a_state_shows_the_torque_that_answered_the_one_before(fresh_server) -> 
         assert np.abs(states["tau_J_d"][1:] - answered[:-1])[nothing_lost].max() < 1e-3
 
 
-def test_a_clock_that_could_not_be(capsys: pytest.CaptureFixture) -> None:
+def test_a_clock_that_could_not_be() -> None:
     assert RightClock(0.0, 1000.0).period_ns == pytest.approx(999_000.999)
-    for arguments in (["--phase-us", "1000"], ["--drift-ppm", "5000"], ["--lockstep", "--phase-us", "500"]):
-        with pytest.raises(SystemExit):
-            main(arguments)
-    assert "lockstep" in capsys.readouterr().err
+    for wrong in ({"phase_us": 1000.0}, {"drift_ppm": 5000.0}):
+        with pytest.raises(ConfigurationError):
+            _ = Options(**wrong).right_clock
+    with pytest.raises(ConfigurationError, match="lockstep"):
+        Options(lockstep=True, phase_us=500.0)
 
 
 # around the server's repeats of the first state, 1, 50 and 100 ms

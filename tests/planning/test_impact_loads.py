@@ -33,7 +33,6 @@ def heavier(cell, name, mass):
         ("box_060", {"speed": 0.7}, r"the momentum residual of joint [13] to \d+\.\d Nm, 95.0 are allowed"),
         # 15 of 20: tau_j_range_violation
         ("bottles", {"speed": 0.7}, r"the torque of joint 6 to \d+\.\d Nm, 10.8 are allowed \(0.9 of 12\)"),
-        ("box_220", {"speed": 0.7}, r"the torque of joint 6 to \d+\.\d Nm, 10.8 are allowed"),
     ],
 )
 def test_an_impact_that_a_limit_does_not_allow(cell, name, asked, said):

@@ -61,9 +61,9 @@ def test_what_is_expected_is_what_was_planned(cell, grabbed, watched):
     ("script", "shift_mm", "verdict", "kind"),
     [
         ("", 12.0, "expected", None),
-        ('kind = "object_lost"', 0.0, "unexpected", "object missing"),
+        pytest.param('kind = "object_lost"', 0.0, "unexpected", "object missing", marks=pytest.mark.long),
         ("", 60.0, "unexpected", "wrong place"),  # met early by one arm alone: the squeeze begins at its own time
-        ('kind = "object_mass"\nmass_factor = 3.0', 0.0, "unexpected", "too heavy"),
+        pytest.param('kind = "object_mass"\nmass_factor = 3.0', 0.0, "unexpected", "too heavy", marks=pytest.mark.long),
     ],
 )
 def test_good_runs_are_expected_and_faults_are_told(cell, watched, tmp_path, script, shift_mm, verdict, kind):

@@ -129,7 +129,8 @@ def of_another_shape(observation):
     ("defect", "said"),
     [
         (lambda observation: None, ""), (raises, "the policy has ended: RuntimeError"),
-        (not_numbers, "answers are not followed"), (of_another_shape, "answers are not followed"),
+        (not_numbers, "answers are not followed"),
+        pytest.param(of_another_shape, "answers are not followed", marks=pytest.mark.long),
     ],
     ids=["hangs", "dies", "not numbers", "another shape"],
 )  # fmt: skip

@@ -96,6 +96,7 @@ PHASES: dict[str, tuple[Run, str, float, float]] = {
     "motion to the start": (to_the_start, "", 0.2, APPROACH_N),
     "opening of the pads": (opening, "", 0.2, CONTACT_N),
 }
+OFTEN = ("trial, on its way", "demonstration", "motion to the start")
 KINDS = {a_demonstration: DemonstrationSpecification(), a_trial: TrialSpecification("ref.mcap")}
 
 
@@ -131,7 +132,7 @@ def felt(log: Log) -> tuple[np.ndarray, int]:
     return force, int(stopping[0]) - 1 if len(stopping) else -1  # the mode follows the judge, a tick later
 
 
-@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("phase", sampled(PHASES, OFTEN.__contains__))
 def test_a_push_beyond_the_bound_stops_in_the_tick_that_shows_it(run, phase, record_property):
     bound = PHASES[phase][3]
     log, push_tick = run(phase, HARD * bound)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rtstack.trials.review import log_columns
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial
 from tests.support.runs import attempt
+from tests.support.sampling import sampled
 
 
 @pytest.mark.parametrize(
@@ -25,18 +27,20 @@ def test_the_judge_changes_nothing_in_a_good_trial(runner, controller, displacem
     assert result.safety_interventions == 0
 
 
-@pytest.mark.parametrize(
-    ("limit", "value", "said"),
-    [
-        ("ee_upper", [0.2, 0.4, 0.4], r"(left|right): the end effector has left its box \(0\.400\d* m, allowed 0\.4\)"),
-        ("ee_lower", [-0.2, -0.3, 0.25], r"right: the end effector has left its box \(-0\.3\d* m, allowed -0\.3\)"),
-        ("ee_speed_max", 0.3, r"(left|right): the end effector is too fast \(0\.3\d* m/s, allowed 0\.3\)"),
-        ("power_max", 10.0, r"(left|right): the mechanical power is too large \(-?1\d(\.\d+)? W, allowed 10\)"),
-        ("arm_distance_min", 0.4, r"(left|right): the arms are too close to each other \(0\.39\d* m, allowed 0\.4\)"),
-        ("tau_ext_max", [8.0] * 7, r"(left|right): joint \d: the (momentum residual|estimated external torque) is too"),
-    ],
-)
-def test_a_limit_in_reach_stops_every_trial_and_says_which(runner, tmp_path, limit, value, said):
+# a limit within a trial's reach, and what is said
+IN_REACH: dict[str, tuple[Any, str]] = {
+    "ee_upper": ([0.2, 0.4, 0.4], r"(left|right): the end effector has left its box \(0\.400\d* m, allowed 0\.4\)"),
+    "ee_lower": ([-0.2, -0.3, 0.25], r"right: the end effector has left its box \(-0\.3\d* m, allowed -0\.3\)"),
+    "ee_speed_max": (0.3, r"(left|right): the end effector is too fast \(0\.3\d* m/s, allowed 0\.3\)"),
+    "power_max": (10.0, r"(left|right): the mechanical power is too large \(-?1\d(\.\d+)? W, allowed 10\)"),
+    "arm_distance_min": (0.4, r"(left|right): the arms are too close to each other \(0\.39\d* m, allowed 0\.4\)"),
+    "tau_ext_max": ([8.0] * 7, r"(left|right): joint \d: the (momentum residual|estimated external torque) is too"),
+}
+
+
+@pytest.mark.parametrize("limit", sampled(IN_REACH, ("ee_upper", "tau_ext_max").__contains__))
+def test_a_limit_in_reach_stops_every_trial_and_says_which(runner, tmp_path, limit):
+    value, said = IN_REACH[limit]
     tightened = replace(runner, cell=replace(runner.cell, safety={limit: value}))
     for controller in (Controller.PROPOSED, Controller.NO_REFERENCE_SPREADING):
         path = tmp_path / f"{controller}.mcap"

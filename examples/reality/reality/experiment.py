@@ -104,7 +104,6 @@ class Reality(Experiment[RealityPlan, Case]):
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> RealityPlan:
-        """See Experiment."""
         plan = load_toml(path, RealityPlan)
         for name in plan.comparisons + plan.sample:
             if name not in COMPARISONS:

@@ -34,11 +34,9 @@ class CellHost(Protocol):
 
     def look(self, reason: str) -> None:
         """Pause until the person, where there is one, has looked at the cell: a run has ended with a fault."""
-        ...
 
     def ask(self, what: str) -> None:
         """Pause until a person has set up what they are asked for. Raises TrialError where there is no person."""
-        ...
 
     def kept_cell(self, run: PreparedRun[Any]) -> AbstractContextManager[Cell]:
         """Give the cell to look at, its states and the tracker's poses. Raises HardwareError, TrialError."""
@@ -49,7 +47,6 @@ class CellHost(Protocol):
 
         Raises HardwareError.
         """
-        ...
 
     def watched(self) -> AbstractContextManager[Any]:
         """Have a person, who watches, allow the motion of all runs. Raises TrialError."""
@@ -67,4 +64,3 @@ class CellHost(Protocol):
 
         Raises TrialError where its cause persists or a person has to act.
         """
-        ...

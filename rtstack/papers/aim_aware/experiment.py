@@ -69,5 +69,4 @@ class PlanarStudy(MonitorStudy[StudyRun]):
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> StudyRun:
-        """See Experiment."""
         return load_run(path, quick)

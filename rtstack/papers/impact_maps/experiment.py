@@ -69,7 +69,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> ValidationPlan:
-        """See Experiment."""
         return load_validation_plan(path, quick)
 
     def size(self) -> int:
@@ -184,7 +183,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
             yield Task(trial.id, run, (self._bench, trial, plan.reference(trial), gains, conditions), (trial,))
 
     def on_cell(self, case: ValidationTrial) -> CellRun:
-        """See Experiment."""
         from rtstack.papers.impact_maps.worker import on_arms
 
         plan = self.specification
@@ -192,7 +190,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         return on_arms(self._bench, case, plan.reference(case), gains, conditions)
 
     def row_of_log(self, case: ValidationTrial, log: "Log") -> Row:
-        """See Experiment."""
         from rtstack.papers.impact_maps.worker import row_of_log
 
         return row_of_log(self._bench, case, self.specification.reference(case), log, self.columns)

@@ -65,7 +65,6 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Plan:
-        """See Experiment."""
         return load_plan(path, quick)
 
     def stages(self) -> Stages:
@@ -83,13 +82,11 @@ class ControllerComparison(Experiment[Plan, Trial]):
             raise TrialError(f"the reference {name} could not be recorded: {reason}")
 
     def size(self) -> int:
-        """See Experiment."""
         plan = self.specification
         trials = [trial for each in plan.experiments for trial in plan.trials(each)]
         return plan.size() - sum(trial.reference in self._unrecorded for trial in trials)
 
     def cases(self, rows: Sequence[Row]) -> list[Trial]:
-        """See Experiment."""
         return self.specification.cases(rows, self._unrecorded)
 
     def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
@@ -112,13 +109,11 @@ class ControllerComparison(Experiment[Plan, Trial]):
         return [Task(each.id, run, (self._bench, each, conditions[each.conditions]), (each,)) for each in cases]
 
     def on_cell(self, case: Trial) -> CellRun:
-        """See Experiment."""
         from rtstack.papers.reference_spreading.worker import on_arms
 
         return on_arms(self._bench, case, self.specification.conditions[case.conditions])
 
     def row_of_log(self, case: Trial, log: "Log") -> Row:
-        """See Experiment."""
         from rtstack.papers.reference_spreading.worker import row_of_log
 
         return row_of_log(self._bench, case, log, self.columns)

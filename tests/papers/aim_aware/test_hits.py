@@ -106,6 +106,7 @@ def test_a_stop_of_the_judge_ends_the_hit_and_is_said(run, plan, safety, said):
     assert (done.ticks == whole[: len(done.ticks)]).all()  # what the judge stopped is no tick of the hit
 
 
+@pytest.mark.long  # a hit over the wire is below; the campaign on arms is in tests/cli/test_real_cells.py
 def test_the_hits_of_a_plan_are_run_by_an_arm_at_its_address(tmp_path, command_line):
     """Those of a level platform: simulated arms have no person who would incline it."""
     out = tmp_path / "out"

@@ -70,11 +70,11 @@ def _template() -> socket.socket:
 
 @contextlib.contextmanager
 def serve(*arguments: str) -> Iterator[Served]:
-    """Run what `python -m sim_robot.fci` runs, wait until it serves, and end it."""
+    """Run what `rtstack sim` runs, wait until it serves, and end it."""
     left, right = addresses()
     read, write = os.pipe()
     with open(read) as output:
-        request = json.dumps(["--left", left, "--right", right, *arguments]).encode()
+        request = json.dumps(["--left", left, "--right", right, "--tracker", "", "--cpu", "-1", *arguments]).encode()
         socket.send_fds(_template(), [request], [write])
         os.close(write)
         served = Served(number := int(_template().recv(16)), os.pidfd_open(number), left, right)

@@ -1,6 +1,6 @@
 """A process that has imported and compiled what a server needs, and forks one for each request on a socket.
 
-Run by fci_server with the socket's descriptor. A request: the arguments of `python -m sim_robot.fci` as JSON, and the
+Run by fci_server with the socket's descriptor. A request: the arguments of `rtstack sim` as JSON, and the
 descriptor that the server is to print to. The answer: the server's process id. When the socket closes, all end.
 """
 
@@ -13,8 +13,8 @@ import socket
 import sys
 import traceback
 
+from rtstack.cli.app import app
 from sim_robot.cell import simulated_cell
-from sim_robot.fci.__main__ import main as serve
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
@@ -38,7 +38,7 @@ def become_server(arguments: list[str], output: int) -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         with open(output, "w") as out, contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
             try:
-                status = serve(arguments)
+                status = app(["sim", *arguments], standalone_mode=False) or 0
             except Exception:
                 traceback.print_exc()
     finally:

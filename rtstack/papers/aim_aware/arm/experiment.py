@@ -36,7 +36,6 @@ class PlatformStudy(MonitorStudy[ArmRun]):
 
     @property
     def cell_file(self) -> Path:
-        """See Experiment."""
         return platform_cell_file()
 
     def stages(self) -> Stages:
@@ -52,7 +51,6 @@ class PlatformStudy(MonitorStudy[ArmRun]):
         return [case for case in super().cases(rows) if simulated or not case.contact]
 
     def size(self) -> int:
-        """See Experiment."""
         return len(self.cases(()))
 
     def on_cell(self, case: Case) -> CellRun:
@@ -62,12 +60,10 @@ class PlatformStudy(MonitorStudy[ArmRun]):
         return on_arms(self.specification, case, self.request.out / LOGS / f"{case.id}.mcap")
 
     def row_of_log(self, case: Case, log: "Log") -> Row:
-        """See Experiment."""
         from rtstack.papers.aim_aware.arm.worker import row_of_log
 
         return row_of_log(self.specification, case, log)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> ArmRun:
-        """See Experiment."""
         return load_arm_run(path, quick)

@@ -42,7 +42,6 @@ class GrabStudy(Experiment[Judged, GrabCase]):
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Judged:
-        """See Experiment."""
         return load_judged(path, quick)
 
     def stages(self) -> Stages:

@@ -143,7 +143,6 @@ class PreparedHit(PreparedRun[Hit]):
         return start_motion(cell, self.description, self.specification.object, start=self.plan.ante[:1])
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> Hit:
-        """See PreparedRun."""
         plan, description = self.plan, self.description
         pressed_s = (len(plan.ante) + STOP_TICKS) * PERIOD_S  # the pad still presses while the arm comes to rest
         session_plan = SessionPlan(
