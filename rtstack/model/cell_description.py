@@ -20,6 +20,7 @@ from hal.clock_relation import ClockRelation
 from hal.pad import Pad, Quaternion, Vector
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
 from hal.tracker import TagCamera, TrackerFrames, TrackerRequest, TrackerTimes
+from rtstack.model.plausible import check_plausible
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
@@ -395,6 +396,7 @@ def load_cell_description(path: Path) -> CellDescription:
     checks += [("objects.", lambda: _check_names(description.objects)), ("pad.", lambda: tool_of(pad))]
     checks += [(f"{side}.pad.", partial(tool_of, arm.pad or pad)) for side, arm in arms.items()]
     checks.append(("", lambda: [hardware_limits(model).tightened(description.safety) for model in description.robots]))
+    checks.append(("", lambda: check_plausible(description)))
     for key, check in checks:
         try:
             check()

@@ -1,0 +1,76 @@
+"""Whether the numbers of a cell's file can be those of a cell: what another unit or another order makes of them.
+
+The bounds are ours: an FR3 reaches 0.855 m and carries 3 kg, so that nothing of its cell is much further or heavier.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hal.pad import Pad
+from rtstack.safety.guided import standing
+from rtstack.safety.limits import hardware_limits
+
+if TYPE_CHECKING:
+    from rtstack.model.cell_description import CellDescription
+
+_FAR_M, _LARGE_M, _HIGH_M, _PAD_M = 5.0, 1.0, 2.0, 0.5
+_HEAVY_KG, _PAD_KG = 20.0, (0.01, 5.0)
+_UNIT = 0.01  # a quaternion's length may be so far from 1: it was rounded
+_APART_M = 0.1
+_BOX = ("ee_lower", "ee_upper")
+_SUNK_M = 0.005  # what rounding and a calibration may take a pad into the table
+
+
+def check_plausible(description: "CellDescription") -> None:
+    """Raise ValueError, beginning with the key, for the first number that can hardly be meant."""
+    for key, value, most in _lengths(description):
+        if not np.abs(value).max() <= most:
+            raise ValueError(f"{key}: {np.abs(value).max():g} m is more than {most:g} m: was it meant in mm?")
+    for name, thing in description.objects.items():
+        if thing.mass > _HEAVY_KG:
+            raise ValueError(
+                f"objects.{name}.mass: {thing.mass:g} kg is more than {_HEAVY_KG:g} kg: was it meant in g?"
+            )
+    for key, pad in _pads(description):
+        if not _PAD_KG[0] <= pad.mass <= _PAD_KG[1]:
+            raise ValueError(f"{key}.mass: {pad.mass:g} kg is not between {_PAD_KG[0]:g} and {_PAD_KG[1]:g} kg")
+    for side, arm in description.mountings.items():
+        if not abs(np.linalg.norm(arm.base_orientation_wxyz) - 1.0) <= _UNIT:
+            raise ValueError(f"{side}.base_orientation_wxyz: not of length 1: give w, x, y, z of a unit quaternion")
+    places = [arm.base_position for arm in description.arms]
+    if len(places) == 2 and np.linalg.norm(np.subtract(*places)) < _APART_M:
+        raise ValueError("right.base_position: both bases are in one place")
+    _check_home(description)
+
+
+def _pads(description: "CellDescription") -> Iterator[tuple[str, Pad]]:
+    yield "pad", description.pad
+    yield from ((f"{side}.pad", arm.pad) for side, arm in description.mountings.items() if arm.pad is not None)
+
+
+def _lengths(description: "CellDescription") -> Iterator[tuple[str, Any, float]]:
+    for side, arm in description.mountings.items():
+        yield f"{side}.base_position", arm.base_position, _FAR_M
+    table = description.table
+    yield from (("table.centre_xy", table.centre_xy, _FAR_M), ("table.size_xy", table.size_xy, _FAR_M))
+    yield "table.top_z", table.top_z, _HIGH_M
+    yield from ((f"safety.{key}", description.safety[key], _FAR_M) for key in _BOX if key in description.safety)
+    yield from ((f"objects.{name}.size", thing.size, _LARGE_M) for name, thing in description.objects.items())
+    for key, pad in _pads(description):
+        yield from ((f"{key}.size", pad.size, _PAD_M), (f"{key}.flange_to_face", pad.flange_to_face, _PAD_M))
+
+
+def _check_home(description: "CellDescription") -> None:
+    """Refuse bases from which the pads are, at home, outside of their box or in the table."""
+    limits = [hardware_limits(model).tightened(description.safety) for model in description.robots]
+    faces = standing(description.home, description.bases, description.tools, limits).face
+    table, half = description.table, np.array(description.table.size_xy) / 2
+    for side, face, limit in zip(description.sides, faces, limits, strict=True):
+        where = f"{side}.base_position: at home the {side} pad's face is at {np.round(face, 2).tolist()} m, "
+        wrong = "a base (m; w, x, y, z), home, or the sides of both arms are wrong"
+        if np.any(face < limit.ee_lower) or np.any(face > limit.ee_upper):
+            raise ValueError(f"{where}outside of its box ([safety] ee_lower, ee_upper): {wrong}")
+        if np.all(np.abs(face[:2] - table.centre_xy) < half) and face[2] < table.top_z - _SUNK_M:
+            raise ValueError(f"{where}in the table: {wrong}")
