@@ -13,7 +13,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hal.base.realtime import beside_realtime
@@ -119,7 +119,8 @@ class HoldToRun:
             tty.setcbreak(descriptor)
             yield descriptor
         finally:
-            termios.tcsetattr(descriptor, termios.TCSAFLUSH, before)
+            with suppress(termios.error):  # the terminal may be gone
+                termios.tcsetattr(descriptor, termios.TCSAFLUSH, before)
 
     def _confirm(self, what: str) -> None:
         _say(f"{what}: the arms of {self._cell} are NOT simulated and will move.")

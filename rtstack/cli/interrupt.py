@@ -1,5 +1,9 @@
-"""Ctrl-C asks for a controlled stop: the arms brake, the log is finished. A second one ends the program at once."""
+"""Ctrl-C asks for a controlled stop: the arms brake, the log is finished. A second one ends the program at once.
 
+So does a terminal that is closed (SIGHUP), where nothing more is printed.
+"""
+
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -7,7 +11,7 @@ from types import FrameType
 
 
 class Interrupt:
-    """A stop signal of the loop that Ctrl-C and SIGTERM raise."""
+    """A stop signal of the loop that Ctrl-C, SIGTERM and SIGHUP raise."""
 
     def __init__(self) -> None:
         self.stop_requested = False
@@ -19,14 +23,18 @@ class Interrupt:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle the signal."""
-        if self.stop_requested:
+        if number == signal.SIGHUP:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for descriptor in (1, 2):
+                os.dup2(nowhere, descriptor)
+        elif self.stop_requested:
             raise KeyboardInterrupt
         self.stop_requested = True
 
 
 @contextmanager
 def interruptible() -> Iterator[Interrupt]:
-    """Catch Ctrl-C and SIGTERM for the time of a run."""
+    """Catch Ctrl-C, SIGTERM and SIGHUP for the time of a run."""
     interrupt = Interrupt()
     with handled(interrupt):
         yield interrupt
@@ -34,8 +42,9 @@ def interruptible() -> Iterator[Interrupt]:
 
 @contextmanager
 def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """Handle Ctrl-C and SIGTERM."""
-    previous = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    """Handle Ctrl-C, SIGTERM and SIGHUP."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    previous = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:

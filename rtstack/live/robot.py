@@ -51,6 +51,7 @@ _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with
 _ENDS: dict[int, tuple[End, str]] = {
     signal.SIGTERM: (End.STOP_REQUESTED, "the stack is being shut down"),
+    signal.SIGINT: (End.STOP_REQUESTED, "the stack is being shut down"),
     signal.SIGHUP: (End.CONSOLE_GONE, "its process has died"),
 }
 _NOT_PLACED = (UnknownObject, ObjectOutOfReach)  # refused before anything moves

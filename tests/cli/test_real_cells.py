@@ -2,6 +2,7 @@
 
 import datetime
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,6 +14,8 @@ import pytest
 from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
 from rtstack.cells.simulator import Simulator
+from rtstack.log.reader import read_log
+from rtstack.samples import Mode
 from rtstack.trials.errors import TrialError
 from tests.support.campaigns import two_controllers
 from tests.support.real_cell import CALIBRATED, write_cell_file
@@ -154,6 +157,22 @@ def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, 
     status, said = at_a_terminal(command("c.mcap"), lambda _: log.exists() and log.stat().st_size > 500_000)
     assert status == 1, said  # before the demonstration's end
     assert "the operator" in said
+
+
+@pytest.mark.alone
+def test_they_stop_when_the_terminal_is_closed(real, tmp_path):
+    path, kind = real
+    log, terminal = tmp_path / "a.mcap", Terminal()
+    ends = terminal.theirs
+    command = [*COMMAND, "teach", str(log), "--cell", kind, "--cell-file", str(path)]
+    process = subprocess.Popen(command, stdin=ends, stdout=ends, stderr=ends)
+    terminal.hold(until=lambda _: log.exists() and log.stat().st_size > 500_000, hang_up=True)
+    process.send_signal(signal.SIGHUP)  # as the kernel does to who has it as its terminal
+    assert process.wait() == 1
+    found = read_log(log)
+    assert found.complete
+    assert found.metadata["result"]["success"] == "false"
+    assert found.topic("/left/control")["mode"][-1] == Mode.STOPPING
 
 
 def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(real, tmp_path):

@@ -27,9 +27,12 @@ class Terminal:
         """What the program has said there."""
         return "".join(self._said)
 
-    def hold(self, name: str = "grab", until: Callable[[str], bool] = _for_ever) -> None:
-        """Confirm with the cell's name and hold the space bar, until `until` (what was said), or the program's end."""
-        with self._confirmed(name):
+    def hold(self, name: str = "grab", until: Callable[[str], bool] = _for_ever, hang_up: bool = False) -> None:
+        """Confirm with the cell's name and hold the space bar, until `until` (what was said), or the program's end.
+
+        hang_up: the terminal is closed then.
+        """
+        with self._confirmed(name, hang_up):
             while not self._ended.is_set() and not until(self.said):
                 self._write(" ")
                 time.sleep(_REPEATED_S)
@@ -43,7 +46,7 @@ class Terminal:
                 self._write(key)
 
     @contextmanager
-    def _confirmed(self, name: str) -> Iterator[None]:
+    def _confirmed(self, name: str, hang_up: bool = False) -> Iterator[None]:
         os.close(self.theirs)
         listener = threading.Thread(target=self._listen, daemon=True)
         listener.start()
@@ -51,7 +54,8 @@ class Terminal:
             time.sleep(_REPEATED_S)
         self._write(f"{name}\n")
         yield
-        listener.join()
+        if not hang_up:
+            listener.join()
         os.close(self._ours)
 
     def _write(self, text: str) -> None:
