@@ -1,14 +1,11 @@
 """A cell: one arm or two, and what watches the object."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from hal.arm import Arm
-from hal.base.arrays import Array
 from hal.cycle import Cycles
 from hal.errors import RecoveryRefused
-from hal.joint_path import JointSpeed
 from hal.limits import CollisionBehaviour, OwnLimits
 from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
@@ -34,14 +31,6 @@ class ArmLink(Protocol):
 
     def set_collisions(self, *arms: CollisionBehaviour) -> None:
         """Tell each arm how hard it may be touched in the next motion. Raises CommandRejected, ConnectionLost."""
-
-    def move(self, goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
-        """Move the arms together, from rest to rest, to the postures goal (arms, 7), rad, no joint faster than this.
-
-        `stop` is asked once a millisecond; then they brake where they are. Returns whether they have arrived.
-        Raises CommandRejected, ConnectionLost.
-        """
-        ...
 
     def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
         """End torque control, one arm after the other, beginning with LEFT or RIGHT. Never raises.

@@ -54,7 +54,6 @@ class FciArm:
         self._bytes = self.state.record.view(np.uint8).data
         self._torques = franka.Torques([0.0] * 7)
         self._control: franka.ActiveControlBase | None = None
-        self._posture: Array | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
         self.peeked: PeekedState | None = None  # where the arm is answered by a clock of its own
@@ -117,11 +116,9 @@ class FciArm:
         """Whether the robot wants an answer each millisecond."""
         return self._control is not None and not self._lost
 
-    def last_command(self) -> tuple[Array | None, Array | None]:
+    def last_torque(self) -> Array:
         """Return what to go on with, see hal.fci.hold.Held."""
-        if self._posture is not None:
-            return self._posture, None
-        return None, np.array(self._torques.tau_J)
+        return np.array(self._torques.tau_J)
 
     def start(self) -> None:
         """Take torque control: from now on the robot wants an answer each millisecond. Raises CommandRejected.
@@ -133,39 +130,7 @@ class FciArm:
             robot = self._open_robot()
             with vendor_errors(self.called), _own_schedule():
                 self._control = robot.start_torque_control()
-            self._posture, self._torques.tau_J = None, [0.0] * 7
-
-    def start_positions(self) -> None:
-        """Take joint position control, with the robot's own impedance. Raises CommandRejected, ConnectionLost."""
-        robot = self._open_robot()
-        with vendor_errors(self.called), _own_schedule():
-            self._control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
-        self._posture = np.full(7, np.nan)
-
-    def read_position(self) -> tuple[int, Array]:
-        """Block until the next state under position control; return its time, ns, and its q_d (7,), rad. Raises as
-        read does."""
-        if self._control is None:
-            raise CommandRejected(f"{self.called} is not under position control; start again")
-        try:
-            state = self._control.readOnce()[0]
-        except VENDOR as error:
-            raise self._fault(error) from None
-        return round(1e3 * state.time.to_sec()) * 1_000_000, np.array(state.q_d)
-
-    def write_position(self, q: Array, *, finished: bool = False) -> None:
-        """Answer the last state with a posture (7,), rad; finished: the motion's last one. Raises as write does."""
-        if self._control is None:
-            raise CommandRejected(f"{self.called} is not under position control; start again")
-        self._posture = q
-        positions = franka.JointPositions(q.tolist())
-        positions.motion_finished = finished
-        try:
-            self._control.writeOnce(positions)
-        except VENDOR as error:
-            raise self._fault(error) from None
-        if finished:
-            self._control = None
+            self._torques.tau_J = [0.0] * 7
 
     @property
     def t_ns(self) -> int:

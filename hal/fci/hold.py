@@ -42,8 +42,8 @@ _sendto = types.ExternalFunction(
 
 
 @compiled(nogil=True)
-def _answer(words, watched, state, command, from_q_d, address, address_size, descriptor, polls, grace_polls):
-    """Answer until words[_STOP]. watched: a pollfd (2,) of int32; from_q_d: 1 while there is no posture to repeat."""
+def _answer(words, watched, state, command, address, address_size, descriptor, polls, grace_polls):
+    """Answer until words[_STOP]. watched: a pollfd (2,) of int32."""
     words[_RUNNING] = 1
     faster = FASTER_RAD_S * np.ones(7)
     first = True
@@ -71,9 +71,6 @@ def _answer(words, watched, state, command, from_q_d, address, address_size, des
                 return
         first = False
         command[0].message_id = state[0].message_id
-        if from_q_d:
-            for j in range(7):
-                command[0].q_c[j] = state[0].q_d[j]
         _sendto(
             np.int32(descriptor), command.ctypes.data, np.uint64(command.itemsize), np.int32(0),
             address.ctypes.data, np.uint32(_ADDRESS_BYTES),
@@ -86,9 +83,8 @@ class Held(Protocol):
 
     socket: int
 
-    def last_command(self) -> tuple[Array | None, Array | None]:
-        """Return the posture and the torque, (7,), of its last command, None for what it is not controlled by; a
-        posture of NaN where none was sent yet."""
+    def last_torque(self) -> Array:
+        """Return the torque (7,), Nm, of its last command."""
         ...
 
 
@@ -121,15 +117,10 @@ class Hold:
         self._begin, self._ended = begin, threading.Event()
         self._words = np.zeros(3, dtype=np.int64)
         command, state = np.zeros(1, ROBOT_COMMAND), np.zeros(1, ROBOT_STATE)
-        q, tau = arm.last_command()
-        from_q_d = q is not None and bool(np.isnan(q[0]))
-        if q is not None:
-            command["q_c"] = q
-        if tau is not None:
-            command["tau_J_d"] = tau
+        command["tau_J_d"] = arm.last_torque()
         watched = np.array([arm.socket, 1], dtype=np.int32)  # struct pollfd: the descriptor, POLLIN in the lower half
         self._answer = bound(
-            _answer, self._words, watched, state, command, from_q_d, np.zeros(_ADDRESS_BYTES, dtype=np.uint8),
+            _answer, self._words, watched, state, command, np.zeros(_ADDRESS_BYTES, dtype=np.uint8),
             np.zeros(1, dtype=np.uint32), arm.socket, LONGEST_NS // 1_000_000, GRACE_NS // 1_000_000,
         )  # fmt: skip
 

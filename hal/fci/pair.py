@@ -13,20 +13,16 @@ time at most, which is far from what the kernel takes from a real-time thread th
 
 import select
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 
-import numpy as np
-
-from hal.base.arrays import Array
 from hal.cell import LEFT, RIGHT
-from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
+from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.arm import FciArm
 from hal.fci.cycle_times import CycleTimes
 from hal.fci.hold import HoldThread
 from hal.fci.peeked_state import PeekedState
-from hal.joint_path import JointPath, JointSpeed
-from hal.limits import CONTROL_PERIOD_S, CollisionBehaviour
+from hal.limits import CollisionBehaviour
 from hal.pad import Pad
 from hal.state import RobotMode
 
@@ -40,10 +36,6 @@ LONGEST_WAIT_S = 5e-3
 PERIOD_NS = 1_000_000
 EARLY_NS = 120_000  # what timers and wake-ups may take
 LATE_NS = 100_000  # a state that is later than this is waited for asleep
-BRAKE_S = 0.3  # from full speed to rest after a stop request: 2.5 rad/s^2 at 0.5 rad/s
-SETTLE_S = 0.2  # the last posture is held this long before the motion is ended
-LONG_GAP_S = 5e-3  # worth a word where the robot has ended the motion
-LONGEST_STEP_S = 0.02  # of one answer: after 20 ms without one the robot has ended the motion by itself
 
 
 class StateWatch:
@@ -78,29 +70,6 @@ class StateWatch:
     def close(self) -> None:
         """Release the descriptor."""
         self._epoll.close()
-
-
-class _Progress:
-    """How far one arm is on the way. t_s: its time on it; still_s: how long it has been at its end."""
-
-    def __init__(self) -> None:
-        self.t_s = self.still_s = self.braking_s = 0.0
-        self.stamp_ns = -1
-        self.longest_gap_s = 0.0  # between two answers, by the robot's clock
-        self._answers = 0
-
-    def step(self, t_ns: int, end_s: float, stopping: bool) -> None:
-        """Go on to a new state's time."""
-        gap_s = 1e-9 * (t_ns - self.stamp_ns) if self._answers else 0.0
-        step_s = min(gap_s, LONGEST_STEP_S)
-        self.longest_gap_s = max(self.longest_gap_s, gap_s if self._answers > 1 else 0.0)
-        if self._answers == 1:  # a robot that waits for us has shown its first state several times
-            step_s = CONTROL_PERIOD_S
-        self.stamp_ns, self._answers = t_ns, self._answers + 1
-        self.braking_s += step_s if stopping else 0.0
-        x = min(self.braking_s / BRAKE_S, 1.0)
-        self.t_s += step_s * (1.0 - (3.0 - 2.0 * x) * x * x)
-        self.still_s += step_s if x >= 1.0 or self.t_s >= end_s else 0.0
 
 
 class FciPair:
@@ -165,58 +134,6 @@ class FciPair:
         """Tell the arms, which are idle, the thresholds of the next motion; see hal.cell.ArmLink."""
         for arm, collisions in zip(self.arms.values(), arms, strict=True):
             arm.set_collisions(collisions)
-
-    def move(self, goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
-        """Move the arms to goal (arms, 7) rad by their own joint position controllers; see hal.cell.ArmLink.
-
-        Each arm is answered when its own state arrives. After a stop request time runs slower and slower, so that all
-        stay on the way. They begin where the robot wants them to be (q_d), which differs from where they are by the sag
-        of its controller. Raises CommandRejected and ConnectionLost; then no arm moves any more.
-        """
-        self._silent_s = dict.fromkeys(self.arms, 0.0)
-        arms = self.arms
-        progress = {side: _Progress() for side in arms}
-        rows = {side: row for row, side in enumerate(arms)}  # of the path
-        begins: dict[int, Array] = {}
-        path: JointPath | None = None
-        stopping = False
-        try:
-            for arm in arms.values():
-                with self.holding(arm):
-                    arm.start_positions()
-            moving = set(arms)
-            while moving:
-                stopping = stopping or stop()
-                mask = self.wait()
-                # an arm may be ended as soon as all stand still, but only as the answer to a state of its own
-                ending = path is not None and all(one.still_s >= SETTLE_S for one in progress.values())
-                for side in [side for side in moving if mask & side]:
-                    t_ns, q_d = arms[side].read_position()
-                    begins.setdefault(side, q_d)
-                    if path is None and len(begins) == len(arms):
-                        path = JointPath.between(np.array([begins[each] for each in arms]), goal, limit)
-                    if path is None:
-                        arms[side].write_position(begins[side])
-                        continue
-                    progress[side].step(t_ns, path.duration_s, stopping)
-                    posture = path.at(progress[side].t_s)[rows[side]]
-                    if not ending:
-                        arms[side].write_position(posture)
-                        continue
-                    with self.holding(arms[side]):
-                        arms[side].write_position(posture, finished=True)
-                    moving.discard(side)
-        except CommandRejected as error:
-            gap_s = max(one.longest_gap_s for one in progress.values())
-            if gap_s < LONG_GAP_S:
-                raise
-            # the robot goes on along a parabola meanwhile, and finds our way elsewhere when it is back
-            passed = f"up to {1e3 * gap_s:.0f} ms had passed between two of our answers"
-            raise CommandRejected(f"{error} ({passed}: keep the host for the loop)", error.errors) from None
-        finally:
-            self.stop()
-        assert path is not None
-        return all(one.t_s >= path.duration_s for one in progress.values())
 
     def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
         """End the motion of all, see hal.cell.ArmLink. Never raises.

@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 from hal.errors import HardwareError
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE, ArmState
+from rtstack.control.joint_law import DAMPING, STIFFNESS
 from rtstack.safety.judge import ForcePhase, SafetyJudge
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import ARM_SAMPLE
 
-# Nm/rad and Nms/rad. Half of what libfranka's joint_impedance_control.cpp takes, less at the wrist: a hold must not
-# shake an arm whose motors are lighter than the vendor's, as other simulators' are
-STIFFNESS = np.array([300.0, 300.0, 300.0, 300.0, 100.0, 100.0, 30.0])
-DAMPING = np.array([30.0, 30.0, 30.0, 30.0, 8.0, 8.0, 2.0])
 # Ours: at 0.01 rad the hold gives 3 Nm at the base, what a tool of 0.4 kg takes that the robot was not told of.
 # Simulated arms whose gravity torque is off by 0.5 % stay within 0.0006 rad and 0.006 rad/s; by 5 %, ten times that
 STILL_RAD = 0.01

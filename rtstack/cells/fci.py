@@ -138,7 +138,7 @@ class ClosingLink:
 
     def __init__(self, pair: FciPair, wait: Callable[[], int], close_rest: Callable[[], None]) -> None:
         self._pair, self._close_rest = pair, close_rest
-        self.start, self.wait, self.move = pair.start, wait, pair.move
+        self.start, self.wait = pair.start, wait
         self.stop, self.recover = pair.stop, pair.recover
         self.set_collisions = pair.set_collisions
 

@@ -15,11 +15,11 @@ from hal.robot_errors import ROBOT_ERRORS
 from rtstack.experiments.report import Figure, Table
 from rtstack.experiments.statistics import CONFIDENCE
 from rtstack.loop.end import OUTSIDE, End
+from rtstack.trials.run import ON_THE_WAY
 
 # A run that ended so counts for no controller: a person, a watchdog, this host or the link has ended it.
 ABORTS = OUTSIDE | {End.HARDWARE, End.TICK_OVERRUN, End.TORQUE_NOT_TAKEN, End.NOT_AT_REST}
 
-ON_THE_WAY = "on the way to the start pose"  # rtstack.trials.run says so
 LINK_ERROR = "communication_constraints_violation"  # the robot's, where answers did not come in time
 
 
@@ -65,7 +65,7 @@ def aborted(reason: str | None) -> bool:
     A reflex of the robot is what the controller has led it to, and counts; a lost link does not, nor what happens on
     the way to the start.
     """
-    return End.in_reason(reason) in ABORTS and (ON_THE_WAY in str(reason) or not reflex(reason))
+    return ON_THE_WAY in str(reason) or (End.in_reason(reason) in ABORTS and not reflex(reason))
 
 
 def reflex(reason: str | None) -> bool:

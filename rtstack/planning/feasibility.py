@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from hal.base.arrays import Array
 from rtstack.impact_map import ImpactMap, Status
 from rtstack.model.cell_description import CellDescription, ObjectDescription
+from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.planning.impact_loads import impact_loads
 from rtstack.planning.planned import PlannedMotion
 from rtstack.planning.request import PlanError, TooFast
-from rtstack.safety.body import arm_body
-from rtstack.safety.geometry import arm_distance, place_arm
-from rtstack.safety.limits import HARDWARE, SafetyLimits, hardware_limits
-from rtstack.safety.records import StopProfile, empty_memory, rules
+from rtstack.safety.limits import SafetyLimits, hardware_limits
 from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_object
 
@@ -34,7 +32,6 @@ FRICTION_SHARE = 0.7  # of the friction cone: the impact shakes what is held
 SPREAD_SHARE = 0.005  # of the speed: how much of the velocity after the impact the law may leave open
 AGREED_M_S = 1e-6
 CLEARANCE_M = 0.004  # of pads and links over the table: at home a pad's edge is 10 mm above it
-ARM_DISTANCE_M = 0.05
 LOOK_TICKS = 10
 
 
@@ -194,25 +191,14 @@ def near_misses(description: CellDescription, q: Sequence[Array], points: NDArra
     q: (n, 7) rad of each arm; points (arms, n): position and rotation of the pads at the same ticks. An arm alone is
     compared with the table only.
     """
-    table = description.table
-    half = np.array(table.size_xy) / 2
-    low, high = np.array(table.centre_xy) - half, np.array(table.centre_xy) + half
-    mountings = description.arms
-    bodies = [arm_body(mounting.base, tool) for mounting, tool in zip(mountings, description.tools, strict=True)]
-    rule = [rules(HARDWARE, StopProfile(), own, other) for own, other in zip(bodies, reversed(bodies), strict=True)]
-    memory = empty_memory(len(bodies))
-    reaches, still = [np.array(pad.size) / 2 for pad in description.pads], np.zeros(7)
+    clearance, top = Clearance(description), description.table.top_z
+    reaches = [np.array(pad.size) / 2 for pad in description.pads]
     for tick in range(0, points.shape[1], LOOK_TICKS):
-        for arm, side in enumerate(description.sides):
-            point, reach = points[arm, tick], reaches[arm]
-            place_arm(q[arm][tick], still, rule[arm][0], memory[arm])
+        links, apart = clearance.at([each[tick] for each in q])
+        for arm, (side, reach) in enumerate(zip(description.sides, reaches, strict=True)):
+            point = points[arm, tick]
             lowest = point["position"][2] - point["rotation"][2, 2] * reach[2] - np.abs(point["rotation"][2]) @ reach
-            first = bodies[arm]["first"]
-            links_only = slice(int(first[1]), int(first[-1]) - 1)  # not those of the base, and not the pad's, the last
-            ends = memory[arm]["ends_world"][links_only]
-            above = np.all((ends[:, :, :2] > low) & (ends[:, :, :2] < high), axis=2)
-            links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][links_only, None], np.inf)
-            if min(float(lowest), float(links.min())) < table.top_z + CLEARANCE_M:
+            if min(float(lowest) - top, links[arm]) < CLEARANCE_M:
                 yield tick, side
-        if len(bodies) == 2 and arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:
+        if apart < ARM_DISTANCE_M:
             yield tick, ""

@@ -11,19 +11,15 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.errors import HardwareError
-from rtstack.control.controller import ObservedArm
 from rtstack.control.guiding import GuidingLaw
 from rtstack.control.modes import Strategy
-from rtstack.control.records import POINT
 from rtstack.control.tick import CellController
 from rtstack.loop.end import End
 from rtstack.loop.session import SessionPlan
-from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.model.cell_description import CellDescription, LoadPolicy, base_frame
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing
 from rtstack.safety.limits import ForcePhase
-from rtstack.samples import Level
 from rtstack.teleoperation.mover import Home, Mover
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import ControllerRequest, Parameters, arm_controllers, cell_parameters
@@ -37,6 +33,7 @@ from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification, like
 from rtstack.trials.start_motion import StartMotion, object_before
 from rtstack.trials.tightening import limits_of_arms
+from rtstack.trials.unled import Unled
 
 HELD_N = 5.0  # on both pads, away from each other: the impact detector's force_high
 ON_TABLE_M = 0.015  # below it an object that the tracker sees stands on the table
@@ -134,7 +131,7 @@ class PreparedGuide(PreparedRun[GuideResult]):
             )
         sides = description.sides
         before = beyond(limits, where, sides)
-        hand, parameters = _Hand(self.specification.seconds, len(sides)), cell_parameters(description)
+        hand, parameters = Unled(self.specification.seconds, len(sides)), cell_parameters(description)
         control = parameters.control
         plan = SessionPlan.from_source(hand, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
 
@@ -187,32 +184,6 @@ def _home(description: CellDescription, parameters: Parameters) -> Home:
     poses = [end_effector_pose(arm.model, q) for arm, q in zip(arms, homes, strict=True)]
     joint = arms[0].parameters.posture_joint
     return Home(np.array([p for p, _ in poses]), np.array([R for _, R in poses]), homes[:, joint].copy())
-
-
-class _Hand(Watchdog):
-    """A point source whose points are where the arms are, and a watchdog that ends it after so many seconds."""
-
-    def __init__(self, seconds: float | None, arms: int) -> None:
-        self.points = np.zeros((arms, 1), POINT)
-        self._most_ns = None if seconds is None else round(seconds * 1e9)
-        self._began_ns: int | None = None
-        self._now_ns = 0
-
-    def listen(self) -> None:
-        """See rtstack.loop.session.PointSource: nothing is asked for."""
-
-    def step(self, side: int, arm: ObservedArm) -> None:
-        """Write where the arm is: there is nothing to be followed."""
-        point, work = self.points[side], arm.workspace[0]
-        point["position"], point["rotation"] = work["position"], work["rotation"]
-        if side == 0:
-            self._now_ns = int(arm.sample["t_ns"][0])
-            self._began_ns = self._now_ns if self._began_ns is None else self._began_ns
-
-    def trip(self) -> WatchdogTrip | None:
-        if self._most_ns is None or self._began_ns is None or self._now_ns - self._began_ns < self._most_ns:
-            return None
-        return WatchdogTrip(End.COMPLETED, "", Level.INFO)
 
 
 def where_arms_stand(description: CellDescription, cell: Cell) -> Standing:

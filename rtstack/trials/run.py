@@ -20,16 +20,27 @@ from rtstack.loop.fault import FailedQp, Fault
 from rtstack.loop.history import Columns, History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Session, SessionOutcome, SessionPlan
-from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.samples import Level, QpSolver
-from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, cell_controller, following, safety_judges
+from rtstack.trials.assembly import (
+    ControllerFactory,
+    ControllerRequest,
+    Parameters,
+    Watched,
+    arm_controllers,
+    cell_controller,
+    cell_parameters,
+    following,
+    safety_judges,
+)
+from rtstack.trials.errors import TrialError
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext, RunEvent
 from rtstack.trials.start_motion import StartMotion
-from rtstack.trials.tightening import limits_of_cell
+from rtstack.trials.tightening import limits_of_arms, limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
+from rtstack.trials.unled import Unled
 
 PROGRESS_TICKS = 50  # how often progress is told
 ROOM_TICKS = 16  # how often a run that may wait looks whether the log keeps up; the rings have room for many more
@@ -40,6 +51,9 @@ Kind = TypeVar("Kind", bound=Result)
 _PROPOSED = following(Strategy.PROPOSED)
 BEFORE_NS, AFTER_NS = 1_000_000_000, 100_000_000  # of the last second: the fault's tick, and how the stop begins
 _NPZ = "application/x-npz"
+ON_THE_WAY = "on the way to the start pose"
+START_MOTION = "start_motion.npz"  # arm and control (arms, n), timing (n,), as in last_second.npz
+ARRIVED_RAD = 0.02  # friction leaves less than 0.005
 
 
 def evidence_of(fault: Fault, columns: Columns, solver: QpSolver) -> Evidence:
@@ -134,6 +148,7 @@ class Run:
         self.monitor: TrialMonitor | None = None
         self.kind: Unexpected | None = None
         self._run_events: list[RunEvent] = []
+        self._began_ns = 0  # the way to the start, by the robot's time
 
     def __enter__(self) -> Self:
         return self
@@ -181,9 +196,10 @@ class Run:
         if self._log is not None:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks or cell.paced else nullcontext():
-            outcome = self._make_ready(cell, publisher) or session.run()
-        if outcome.fault is not None and self._log is not None:
-            self._log.evidence = evidence_of(outcome.fault, self.history.columns(), self._parameters.solver)
+            outcome = self._make_ready(cell, publisher)
+            if outcome is None:
+                outcome = session.run()
+                self._keep_evidence(outcome, self.history.columns())
         self._say_kind(outcome)
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
@@ -215,36 +231,67 @@ class Run:
     def _make_ready(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
         """Go the way to the start, and tell the robots what forces the session may come to; return the outcome of a run
         that ended before it, None where the arms are ready."""
-        way = self._way
         if cell.link is None:
             return None
-        t_ns = 0
-        trip = WatchdogTrip(End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING)
-        found: list[WatchdogTrip] = []
-
-        def stop() -> bool:
-            if self._log is not None:
-                self._log.wait_for_room()
-            found.extend(filter(None, (watchdog.trip() for watchdog in self._watchdogs)))
-            return bool(found) or (self._context.stop is not None and self._context.stop.stop_requested)
-
+        outcome = None
         try:
-            arrived = True
-            if way is not None:
-                t_ns = 0 if cell.waits else cell.arms[0].read().t_ns
-                publisher.event(t_ns, Level.INFO, "start", way.summary)
-                self._tell_collisions(cell, ForcePhase.APPROACH)
-                arrived = cell.link.move(way.path.goal, way.limit, stop)
-            if arrived:
+            if self._way is not None:
+                outcome = self._go_to_start(cell, self._way, publisher)
+            if outcome is None:
                 self._tell_collisions(cell, self._plan.widest_phase)
-                return None
-            if found:
-                trip = replace(found[0], detail=f"on the way to the start pose: {found[0].detail}")
-        except HardwareError as error:
-            trip = WatchdogTrip(End.HARDWARE, f"on the way to the start pose: {error}")
-        publisher.event(t_ns, trip.level, "start", trip.text)
-        fault = Fault(trip, t_ns, None) if trip.end.is_fault else None
-        return SessionOutcome(trip.end, trip.detail, 0, 0, 0, 0.0, fault)
+        except (HardwareError, TrialError) as error:
+            outcome = SessionOutcome(End.HARDWARE, str(error), 0, 0, 0, 0.0)
+        if outcome is None:
+            return None
+        detail = ON_THE_WAY + (f": {outcome.detail}" if outcome.detail else "")
+        level = Level.ERROR if outcome.end.is_fault else Level.WARNING
+        publisher.event(self._began_ns, level, "start", f"{outcome.end}: {detail}")
+        return replace(outcome, detail=detail, start_t_ns=0)
+
+    def _go_to_start(self, cell: Cell, way: StartMotion, publisher: Publisher) -> SessionOutcome | None:
+        """Follow the way to the start under torque, with the judges, as any motion. The log has its samples as an
+        attachment: its topics begin with the run. Return the outcome where the arms have not arrived."""
+        description, log = self._description, self._log
+        limits, parameters = limits_of_cell(limits_of_arms(description), cell), cell_parameters(description)
+        request = ControllerRequest(description, parameters, arm_controllers(description, parameters, limits), 0.0)
+        laws, lasts_s = way.laws(
+            request.arms, parameters.friction, np.stack([arm.read().q.copy() for arm in cell.arms])
+        )
+        unled, period_s = Unled(lasts_s, len(laws)), parameters.control.period_s
+        plan = SessionPlan.from_source(unled, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
+        history = History(round(lasts_s / period_s) + SPARE_TICKS, False, description.sides)
+        live = Publisher([self._context.live] if self._context.live is not None else [], history, sides=cell.sides)
+        self._began_ns = 0 if cell.waits else cell.arms[0].read().t_ns
+        publisher.event(self._began_ns, Level.INFO, "start", way.summary)
+        self._tell_collisions(cell, ForcePhase.APPROACH)
+        session = Session(
+            cell, request.pair(request.modes(Strategy.PROPOSED), laws), safety_judges(description, limits), live, plan,
+            self._context.stop,
+            None if log is None else lambda index: log.wait_for_room() if index % ROOM_TICKS == 0 else None,
+            description.torque_filter.cutoff_hz, (*self._watchdogs, unled),
+        )  # fmt: skip
+        outcome, columns = session.run(), history.columns()
+        samples = _npz(arm=columns.arm, control=columns.control, timing=columns.timing)
+        self._keep_evidence(outcome, columns, Attachment(START_MOTION, _NPZ, samples))
+        if outcome.end is not End.COMPLETED:
+            return outcome
+        off = np.abs(columns.arm["q"][:, -1] - way.path.goal)
+        if off.max() <= ARRIVED_RAD:
+            return None
+        arm, joint = np.unravel_index(off.argmax(), off.shape)
+        detail = f"joint {joint + 1} of the {cell.sides[arm]} arm stays {off.max():.3f} rad away from it"
+        return replace(outcome, end=End.HARDWARE, detail=detail)
+
+    def _keep_evidence(self, outcome: SessionOutcome, columns: Columns, *more: Attachment) -> None:
+        """Have the log keep what a fault leaves, and more."""
+        if self._log is None:
+            return
+        found = Evidence({}, ())
+        if outcome.fault is not None:
+            found = evidence_of(outcome.fault, columns, self._parameters.solver)
+        before = self._log.evidence
+        kept = () if before is None else before.attachments
+        self._log.evidence = Evidence(found.fault, (*kept, *found.attachments, *more))
 
     def _between_ticks(self, index: int) -> None:
         if self.between is not None:

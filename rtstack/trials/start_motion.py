@@ -1,7 +1,7 @@
 """The way of both arms to where a trial begins: whether one is needed, and whether it may be gone.
 
-Only what a cell description knows is looked at, and only the pads: they must stay clear of table, floor, object and
-each other. Elbows are not looked at: the arms are far apart, and the robot's own reflexes watch them.
+Only what a cell description knows is looked at: the pads must stay clear of table, floor, object and each other, the
+links of the table and of the other arm. The arms follow the way under torque, with the judge (rtstack.trials.run).
 """
 
 import time
@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from hal.base.arrays import Array
 from hal.cell import LEFT, RIGHT, Cell
 from hal.displacement import Displacement
-from hal.joint_path import JointPath, JointSpeed
+from hal.limits import CONTROL_PERIOD_S
 from hal.tracker import ObjectPose
+from rtstack.control.joint_law import JointLaw
+from rtstack.control.parameters import FrictionParameters
 from rtstack.control.tick import ArmController
-from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription
+from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription, StartMotionLimits
+from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.model.rotation import log_so3
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
+from rtstack.trials.tightening import limits_of_arms
 
 REFUSED = "on its way to the start pose"  # how a WayRefused begins
 LONGEST_LOOK_S = 1.0  # a camera has 20 pictures by then, and a clock of the tracker's own is known
@@ -52,7 +56,35 @@ CLEAR_OF_EACH_OTHER_M = 0.05
 DIP_M = 0.001  # a straight way in the joints is none in space
 LOOKS = 60  # along the way
 NEWTON_STEPS = 20
+SETTLE_S = 0.3  # the arms come to rest at the end of the way
+MOVED_RAD = 0.02  # further from where the way began an arm was moved after it had been looked at
 _EXACT = 1e-8  # m and rad
+# of s(x) = 10 x^3 - 15 x^4 + 6 x^5 over x = 0..1: the largest slope (at 1/2) and curvature (at 1/2 -+ sqrt(3)/6)
+_STEEPEST, _MOST_CURVED = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class JointPath:
+    """A way in joint space for all arms together: straight, from rest to rest, and they arrive at the same time. start,
+    goal (arms, 7): rad."""
+
+    start: Array
+    goal: Array
+    duration_s: float
+
+    @classmethod
+    def between(cls, start: Array, goal: Array, limits: StartMotionLimits) -> "JointPath":
+        """Return the quickest way between two postures (arms, 7) on which no joint exceeds the limit."""
+        furthest = float(np.abs(goal - start).max())
+        duration_s = max(
+            _STEEPEST * furthest / limits.speed_rad_s, np.sqrt(_MOST_CURVED * furthest / limits.acceleration_rad_s2)
+        )
+        return cls(np.array(start), np.array(goal), float(duration_s))
+
+    def at(self, t_s: float) -> Array:
+        """Return the posture (arms, 7), rad, at a time since the start: a quintic, held before and after."""
+        x = min(max(t_s / self.duration_s, 0.0), 1.0) if self.duration_s > 0.0 else 1.0
+        return self.start + (10.0 - 15.0 * x + 6.0 * x * x) * x**3 * (self.goal - self.start)
 
 
 class WayRefused(TrialError):
@@ -64,7 +96,23 @@ class StartMotion:
     """A way that may be gone."""
 
     path: JointPath
-    limit: JointSpeed
+    limits: StartMotionLimits
+
+    def laws(
+        self, arms: Sequence[ArmController], friction: Sequence[FrictionParameters], now: Array
+    ) -> tuple[list[JointLaw], float]:
+        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s.
+
+        Raises TrialError where the arms are not where the way began.
+        """
+        if np.abs(now - self.path.start).max() > MOVED_RAD:
+            raise TrialError("an arm was moved before its way to the start began: give the command again")
+        path = JointPath.between(now, self.path.goal, self.limits)
+        t_s = np.arange(max(2, round(path.duration_s / CONTROL_PERIOD_S) + 1)) * CONTROL_PERIOD_S
+        q = np.array([path.at(t) for t in t_s.tolist()])
+        dq = np.gradient(q, CONTROL_PERIOD_S, axis=0)
+        laws = [JointLaw(arm, q[:, k], dq[:, k], friction[k]) for k, arm in enumerate(arms)]
+        return laws, path.duration_s + SETTLE_S
 
     @property
     def summary(self) -> str:
@@ -117,11 +165,10 @@ def start_motion(
     if outside.any():
         arm, joint = np.argwhere(outside)[0]
         raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {sides[arm]} arm")
-    limit = JointSpeed(limits.speed_rad_s, limits.acceleration_rad_s2)
-    path = JointPath.between(now, goal, limit)
+    path = JointPath.between(now, goal, limits)
     thing = None if place is None else _box(place, displacement.yaw_rad, description.objects[object_name])
     _look_along(path, arms, description, thing)
-    return StartMotion(path, limit)
+    return StartMotion(path, limits)
 
 
 def posture(arm: ArmController, near: Array, point: np.void, side: str) -> Array:
@@ -170,26 +217,41 @@ def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:
 def _look_along(
     path: JointPath, arms: Sequence[ArmController], description: CellDescription, thing: Array | None
 ) -> None:
-    """Raise TrialError where a pad would come too near to something; one that begins so has to get clear of it."""
+    """Raise TrialError where a pad or a link would come too near to something; one that begins so has to get clear of
+    it."""
     least: dict[tuple[str, str], float] = {}
 
-    def look(side: str, what: str, gap: float, clear: float) -> None:
-        if gap < (clear if t_s == path.duration_s else least.setdefault((side, what), min(clear, gap - DIP_M))):
-            raise _refusal(side, what)
+    def look(what: str, to: str, gap: float, clear: float) -> None:
+        if gap < (clear if t_s == path.duration_s else least.setdefault((what, to), min(clear, gap - DIP_M))):
+            raise WayRefused(
+                f"{REFUSED} {what} would come too near to {to}: "
+                "bring the arms clear of it by hand, or take the object away"
+            )
 
     table = description.table
     half = np.array(table.size_xy) / 2.0
     board = np.array([[*(np.array(table.centre_xy) - half), -1.0], [*(np.array(table.centre_xy) + half), table.top_z]])
     floor = np.array([[-9.0, -9.0, -1.0], [9.0, 9.0, 0.0]])
+    clearance, limits = Clearance(description), limits_of_arms(description)
     for t_s in np.linspace(0.0, path.duration_s, LOOKS):
-        placed = zip(arms, path.at(float(t_s)), description.pads, strict=True)
-        boxes = [_pad_box(arm, q, pad.size) for arm, q, pad in placed]
-        for side, box in zip(description.sides, boxes, strict=True):
-            look(side, "the table", min(_gap(box, board), _gap(box, floor)), CLEAR_OF_TABLE_M)
+        q = path.at(float(t_s))
+        boxes = [_pad_box(arm, own, pad.size) for arm, own, pad in zip(arms, q, description.pads, strict=True)]
+        links, apart = clearance.at(q)
+        for side, arm, limit in zip(description.sides, arms, limits, strict=True):
+            face = arm.workspace["position"][0]
+            if np.any(face < limit.ee_lower) or np.any(face > limit.ee_upper):
+                raise WayRefused(
+                    f"{REFUSED} the {side} pad would be outside of its box (ee_lower, ee_upper under [safety]): "
+                    "lead the arms back into it by hand (rtstack guide)"
+                )
+        for side, box, link in zip(description.sides, boxes, links, strict=True):
+            look(f"the {side} pad", "the table", min(_gap(box, board), _gap(box, floor)), CLEAR_OF_TABLE_M)
+            look(f"a link of the {side} arm", "the table", link, CLEAR_OF_TABLE_M)
             if thing is not None:
-                look(side, "the object", _gap(box, thing), CLEAR_OF_OBJECT_M)
+                look(f"the {side} pad", "the object", _gap(box, thing), CLEAR_OF_OBJECT_M)
         if len(boxes) == 2:
-            look("left", "the right one", _gap(boxes[0], boxes[1]), CLEAR_OF_EACH_OTHER_M)
+            look("the left pad", "the right one", _gap(boxes[0], boxes[1]), CLEAR_OF_EACH_OTHER_M)
+            look("the left arm", "the right one", apart, ARM_DISTANCE_M)
 
 
 def blocked_start(description: CellDescription, name: str, pose: ObjectPose) -> str:
@@ -206,10 +268,3 @@ def blocked_start(description: CellDescription, name: str, pose: ObjectPose) -> 
 def _gap(a: Array, b: Array) -> float:
     """Return how far two boxes are apart along the axis where they are furthest, m; negative where they overlap."""
     return float(np.maximum(a[0] - b[1], b[0] - a[1]).max())
-
-
-def _refusal(side: str, what: str) -> WayRefused:
-    return WayRefused(
-        f"{REFUSED} the {side} pad would come too near to {what}: "
-        "bring the arms clear of it by hand, or take the object away"
-    )

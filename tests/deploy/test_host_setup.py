@@ -190,7 +190,7 @@ def test_what_somebody_has_changed_since_is_not_overwritten(root):
         (["--nic", "enp3s0=172.16.0.300/24"], "enp3s0=172.16.0.1/24"),
         (["--user", "ben"], "no such user"),
         (["--isolate", "3"], "has 4 CPUs"),
-        (["--kernel", "windows"], "rt or generic"),
+        (["--kernel", "windows"], "is not one of 'rt', 'generic'"),
     ],
 )
 def test_a_wish_that_cannot_be_met_is_one_line(root, command_line, arguments, word):

@@ -108,6 +108,7 @@ def test_a_campaign_runs_on_served_arms_and_what_a_person_aborts_counts_for_noth
         ("the robot left torque control: left arm: communication_constraints_violation; recover it", False),
         ("the robot left torque control: left arm: cartesian_reflex; recover it", True),
         ("the robot left torque control: on the way to the start pose: left arm: cartesian_reflex", False),
+        ("safety stop: on the way to the start pose: left: the external force is too large", False),
     ],
 )
 def test_an_abort_is_no_result_of_a_controller(reason, counts):

@@ -32,6 +32,7 @@ from rtstack.trials.specification import FreeRunSpecification, TeleoperationSpec
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
 from tests.support.foreign_robot import ForeignRobot, addresses, served
+from tests.support.start import go
 
 pytestmark = [pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(900)]
 JOB = 3
@@ -93,12 +94,12 @@ def _no_reflex(robot: ForeignRobot) -> Iterator[None]:
 
 @contextlib.contextmanager
 def opened(robot: ForeignRobot, description: CellDescription) -> Iterator[Cell]:
-    """The arms as the command line opens them, sent home by the robots' own position control."""
+    """The arms as the command line opens them, sent home."""
     cell = open_cell(robot.kind, "", 0.0, 0, description)
     try:
         way = start_motion(cell, description, "")
-        if way is not None and cell.link is not None:
-            assert cell.link.move(way.path.goal, way.limit, lambda: False)
+        if way is not None:
+            assert go(cell, description, way.path.goal, limit=way.limits) is None
         yield cell
     finally:
         cell.close()

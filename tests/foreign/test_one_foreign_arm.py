@@ -24,6 +24,7 @@ from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
 from tests.support.foreign_robot import END_S, addresses, foreign_command, wait_for
 from tests.support.one_arm import one_arm_file
+from tests.support.start import go
 
 pytestmark = [pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(900)]
 NAME, SIDE = "franka-sim", "left"
@@ -134,7 +135,7 @@ def test_the_arm_is_led_by_hand(address, cell_file, tmp_path):
         try:
             way = start_motion(cell, description, "")
             if way is not None:
-                assert cell.link.move(way.path.goal, way.limit, lambda: False)
+                assert go(cell, description, way.path.goal, limit=way.limits) is None
             hand, asked = Hand(mailbox, description), TeleoperationSpecification("anna", job=3)
             context = RunContext(open_log(next(logs), asked, description, kind, cell_file), watchdogs=(hand,))
             return run_teleoperation(asked, description, cell, mailbox, context, clock=hand.clock).as_dict()

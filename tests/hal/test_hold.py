@@ -19,8 +19,8 @@ class _Arm:
     def __init__(self, end):
         self.socket = end.fileno()
 
-    def last_command(self):
-        return None, TORQUE
+    def last_torque(self):
+        return TORQUE
 
 
 @pytest.fixture

@@ -107,7 +107,7 @@ def test_runs_of_one_demonstration_are_held_out_one_by_one() -> None:
 def test_bad_input_writes_nothing(tmp_path) -> None:
     there = tmp_path / "there.toml"
     there.touch()
-    with pytest.raises(TrialError, match="exists already"):
+    with pytest.raises(TrialError, match="exists: choose another name"):
         tune_monitor([], there)
     with pytest.raises(TrialError, match="too few"):
         tune_monitor([tmp_path / "a.mcap"], tmp_path / "out.toml")

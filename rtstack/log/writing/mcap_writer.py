@@ -162,7 +162,8 @@ class McapWriter:
         if evidence is not None:
             for attachment in evidence.attachments:
                 self.attach(attachment.name, attachment.media_type, attachment.data)
-            self.write_metadata("fault", evidence.fault)
+            if evidence.fault:
+                self.write_metadata("fault", evidence.fault)
         if result:
             self.write_metadata("result", texts(result))
         account = {
