@@ -15,12 +15,7 @@ BIN = Path(sys.executable).parent
 @pytest.mark.timeout(600)  # types: a minute and a half alone, and several beside other tests
 @pytest.mark.parametrize(
     "command",
-    [
-        ["ruff", "check", "."],
-        ["ruff", "format", "--check", "."],
-        ["basedpyright"],
-        ["lint-imports"],
-    ],
+    [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["basedpyright"], ["lint-imports"]],
     ids=" ".join,
 )
 def test_tool_is_content(command):

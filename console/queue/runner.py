@@ -29,11 +29,7 @@ class QueueRunner:
     """The thread. client: its own, with a short patience; `learn` takes what an order's answer says."""
 
     def __init__(
-        self,
-        queue: Queue,
-        client: RobotClient,
-        catalogue: Catalogue,
-        learn: Callable[[Status], None],
+        self, queue: Queue, client: RobotClient, catalogue: Catalogue, learn: Callable[[Status], None]
     ) -> None:
         self._queue = queue
         self._client = client

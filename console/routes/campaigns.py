@@ -220,9 +220,7 @@ def table(campaign_id: Id, parts: NeedsParts) -> Response:
     writer.writeheader()
     writer.writerows(reversed(rows))
     return Response(
-        text.getvalue(),
-        media_type="text/csv",
-        headers={"content-disposition": 'attachment; filename="results.csv"'},
+        text.getvalue(), media_type="text/csv", headers={"content-disposition": 'attachment; filename="results.csv"'}
     )
 
 

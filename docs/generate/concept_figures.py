@@ -104,10 +104,7 @@ def _interim(log: Log) -> str:
 
 def _effort(proposed: Log, without: Log) -> str:
     figure, (axes,) = _figure(1)
-    for log, colour, label in (
-        (without, "#d62728", "no_reference_spreading"),
-        (proposed, "#1b9e77", "proposed"),
-    ):
+    for log, colour, label in ((without, "#d62728", "no_reference_spreading"), (proposed, "#1b9e77", "proposed")):
         rows, t_ms = _around_impact(log)
         axes.plot(t_ms, log.topic("/left/control")[rows]["force_norm"], color=colour, label=label)
     axes.set_ylabel("norm of the wrenches, (33)")

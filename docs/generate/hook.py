@@ -31,11 +31,7 @@ def decision_list() -> str:
     return "\n".join(f"- [{title}]({name})" for name, title in titles)
 
 
-PAGES = {
-    "reference/commands.md": command_line_page,
-    "reference/http.md": http_api_page,
-    "examples.md": examples_page,
-}
+PAGES = {"reference/commands.md": command_line_page, "reference/http.md": http_api_page, "examples.md": examples_page}
 TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "SUPPORT.md", "CODE_OF_CONDUCT.md")
 _VERSION = re.compile(r"\{\{ version\(\"([^\"]+)\"\) \}\}")
 FILLED = {

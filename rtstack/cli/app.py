@@ -43,10 +43,7 @@ COMMANDS = {
     "host-setup": ("host_setup", "Set this PC up for the arms: limits, CPU isolation, governor, network; as root."),
     "campaign": ("campaign", "Run many trials and write what they show: figures, tables, and each claim."),
     "campaign compare": ("campaign", "Say what differs between two campaigns of one plan: each column, each claim."),
-    "campaign pack": (
-        "campaign",
-        "Make a campaign's folder a data set to publish: columns, units, checksums.",
-    ),
+    "campaign pack": ("campaign", "Make a campaign's folder a data set to publish: columns, units, checksums."),
     "tune-monitor": ("monitor", "Find the aim-aware monitor's parameters from good runs of one object."),
     "impact-map": ("impact_map", "Say what velocity follows an impact: single step and converged, with impulses."),
     "twin": ("twin", "Identify both arms from their logs: a profile of the simulated robot, a friction."),

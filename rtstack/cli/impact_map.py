@@ -22,8 +22,7 @@ commands = typer.Typer()
 def impact_map(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="A scene, such as deploy/impacts/grab.toml.")],
     reflected: Annotated[
-        Literal["B_theta", "B", "none"] | None,
-        typer.Option(help="Inertia of the motors; the default is the scene's."),
+        Literal["B_theta", "B", "none"] | None, typer.Option(help="Inertia of the motors; the default is the scene's.")
     ] = None,
     json: Json = False,
 ) -> None:

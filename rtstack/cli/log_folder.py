@@ -31,8 +31,7 @@ _NOT_SET = "-"
 @logs.command("list")
 def logs_list(
     words: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="WORD...", help="As in the page's filter: rice, seed:3."),
+        list[str] | None, typer.Argument(metavar="WORD...", help="As in the page's filter: rice, seed:3.")
     ] = None,
     folder: LogFolder = Path("logs"),
     kind: Annotated[str, typer.Option(help="trial, demonstration, recording, plan, playback ...")] = "",

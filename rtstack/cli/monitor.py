@@ -30,8 +30,7 @@ def tune_monitor(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Good runs: trials that succeeded.")],
     out: Annotated[Path, typer.Option(metavar="TOML", help="The parameters to write.")],
     sensitivity: Annotated[
-        float,
-        typer.Option(help="How many times the worst good run's deviation is unexpected.", min=1.0, max=10.0),
+        float, typer.Option(help="How many times the worst good run's deviation is unexpected.", min=1.0, max=10.0)
     ] = 1.3,
     cell_file: CellFile = None,
     json: Json = False,

@@ -26,7 +26,7 @@ SETPOINT = np.dtype(
         ("stiffness", "f8", 6),
         ("posture_gain", "f8"),
         ("acceleration_tasks", "i8"),
-    ],
+    ]
 )
 
 # What observing an arm takes and no state changes: where the end effector is on the last joint (m) and the base

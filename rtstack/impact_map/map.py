@@ -184,10 +184,7 @@ def _status(
         total = float(impulses[problem.points[k], 2].sum())
         if total < -NOTHING:
             first, second = problem.contacts[k].between
-            return (
-                Status.INFEASIBLE,
-                f"{first} and {second} part: together they would pull with {-total:.3g} Ns",
-            )
+            return (Status.INFEASIBLE, f"{first} and {second} part: together they would pull with {-total:.3g} Ns")
     if other is not None and other.told > SAME:
         return Status.NOT_UNIQUE, f"another solution of the law, by PGS, differs by up to {other.told:.3g} m/s or rad/s"
     if other is not None and other.first > SAME:

@@ -11,13 +11,4 @@ from rtstack.planning.planned import PlannedMotion
 from rtstack.planning.push import plan_push
 from rtstack.planning.request import GrabPlan, PlanError, PushPlan, TooFast, checked_plan
 
-__all__ = [
-    "GrabPlan",
-    "PlanError",
-    "PlannedMotion",
-    "PushPlan",
-    "TooFast",
-    "checked_plan",
-    "plan_grab",
-    "plan_push",
-]
+__all__ = ["GrabPlan", "PlanError", "PlannedMotion", "PushPlan", "TooFast", "checked_plan", "plan_grab", "plan_push"]

@@ -53,12 +53,7 @@ class Load:
     at_s: float
 
 
-def check_playback(
-    paths: Sequence[ArmPath],
-    speed: float,
-    limits: PairLimits,
-    description: CellDescription,
-) -> None:
+def check_playback(paths: Sequence[ArmPath], speed: float, limits: PairLimits, description: CellDescription) -> None:
     """Refuse what cannot be played at this speed, and what cannot be played at all. Raises TrialError with one line."""
     for path, side, allowed in zip(paths, description.sides, limits, strict=True):
         for load in (*places(path, allowed), *loads(path, speed, allowed)):

@@ -113,10 +113,7 @@ def scripted_targets(
         # at half the final speed on average, so that the path rises all the way and never dips towards the table
         rise_s = 2.0 * (steady_z - start[2]) / script.speed_z
         paths = (
-            [
-                ViaPoint(touch + script.lift_s, start[0]),
-                ViaPoint(lower, start[0] + script.carry_x),
-            ],
+            [ViaPoint(touch + script.lift_s, start[0]), ViaPoint(lower, start[0] + script.carry_x)],
             [
                 ViaPoint(script.rest_s, start[1]),
                 ViaPoint(steady, steady_y, inward * script.speed_y),

@@ -228,11 +228,7 @@ def open_log(
             path,
             rings,
             metadata,
-            [
-                *cell_attachments(cell_file, description),
-                *attachments,
-                *attached,
-            ],
+            [*cell_attachments(cell_file, description), *attachments, *attached],
             frames(description, specification.object),
             overwrite=overwrite,
             cameras=() if cameras is None else cameras.logged,

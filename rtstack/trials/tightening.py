@@ -17,13 +17,7 @@ from hal.cell import Cell
 from hal.limits import OwnLimits
 from hal.robots import ROBOTS, RobotModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.limits import (
-    FORCES_BY_PHASE,
-    LimitWidened,
-    PairLimits,
-    hardware_limits,
-    within_own,
-)
+from rtstack.safety.limits import FORCES_BY_PHASE, LimitWidened, PairLimits, hardware_limits, within_own
 from rtstack.trials.errors import TrialError
 from rtstack.trials.specification import Tightening
 

@@ -104,10 +104,7 @@ def test_what_is_hard_to_read_is_refused_in_one_line_and_ends_nothing_but_its_ow
 @pytest.mark.long
 def test_clients_that_never_finish_are_cut_off_and_hold_nobody_up(served, monkeypatch):
     monkeypatch.setattr(console.server, "PATIENCE_S", 3.0)
-    with (
-        served.signed_in() as (client, words),
-        socket(served, "/live", client) as page,
-    ):
+    with served.signed_in() as (client, words), socket(served, "/live", client) as page:
         ours = headers_of(served, client, words)
         unfinished = (
             "", "POST /api/stop HTTP/1.1\r\nHost: ", f"POST /api/take HTTP/1.1\r\n{ours}Content-Length: 99\r\n\r\n{{",

@@ -109,10 +109,7 @@ def test_a_client_that_trusts_the_authority_signs_in_and_is_told_of_it_in_the_te
 def test_a_program_loses_no_connection_as_it_opens(secured: Secured) -> None:
     """A client that reads and writes one TLS connection in two threads loses one of twenty, on a busy machine."""
     for _ in range(100):
-        with (
-            pytest.raises(TrialError, match="403"),
-            open_stream(secured.base, "/live", {}, secured.trusting),
-        ):
+        with pytest.raises(TrialError, match="403"), open_stream(secured.base, "/live", {}, secured.trusting):
             pass
 
 

@@ -17,10 +17,7 @@ from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.job_manager import JobManager
-from rtstack.live.protocol import (
-    JobState,
-    RunRequest,
-)
+from rtstack.live.protocol import JobState, RunRequest
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
 from rtstack.log.reader import read_log

@@ -10,13 +10,7 @@ from rtstack.experiments.registry import KINDS, installed_plans, kind_named, kin
 from rtstack.trials.errors import TrialError
 from tests.support.counting import PLAN
 
-OURS = {
-    "reference-spreading",
-    "impact-map-validation",
-    "aim-aware-planar",
-    "aim-aware-arm",
-    "aim-aware-grab",
-}
+OURS = {"reference-spreading", "impact-map-validation", "aim-aware-planar", "aim-aware-arm", "aim-aware-grab"}
 
 
 @pytest.fixture

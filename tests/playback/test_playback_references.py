@@ -13,16 +13,7 @@ from scipy.interpolate import make_interp_spline
 from hal.robots import FR3
 from rtstack.control.records import POINT
 from rtstack.model.rotation import log_so3
-from rtstack.playback.path import (
-    RAMP_S,
-    LoggedMotion,
-    arm_path,
-    brake,
-    end_s,
-    follow,
-    pace,
-    write_point,
-)
+from rtstack.playback.path import RAMP_S, LoggedMotion, arm_path, brake, end_s, follow, pace, write_point
 from rtstack.playback.run import SPEED_STEP, check_playback, fastest, loads
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, default_parameters

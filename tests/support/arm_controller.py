@@ -1,11 +1,6 @@
 """An arm's controller with the papers' numbers, for tests of the law."""
 
-from rtstack.control.parameters import (
-    ControlParameters,
-    DetectorParameters,
-    FrictionParameters,
-    InertiaParameters,
-)
+from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
 from rtstack.control.tick import ArmController
 from rtstack.model.arm_model import ArmModel
 from rtstack.safety.limits import HARDWARE, SafetyLimits

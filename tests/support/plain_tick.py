@@ -13,12 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from hal.base.arrays import Array
-from rtstack.control.parameters import (
-    ControlParameters,
-    DetectorParameters,
-    FrictionParameters,
-    InertiaParameters,
-)
+from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
 from rtstack.control.program import Program, program
 from rtstack.model.arm_model import ArmModel
 from rtstack.samples import QpSolver, QpStatus

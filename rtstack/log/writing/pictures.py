@@ -188,10 +188,7 @@ class LoggedCamera:
             timestamp=stamp(t_ns), parent_frame_id=WORLD, child_frame_id=self.frame,
             translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
         )  # fmt: skip
-        return {
-            calibration: [(t_ns, said.encode())],
-            frame: [(t_ns, FrameTransforms(transforms=[place]).encode())],
-        }
+        return {calibration: [(t_ns, said.encode())], frame: [(t_ns, FrameTransforms(transforms=[place]).encode())]}
 
     def message(self, t_ns: int, picture: bytes) -> bytes:
         """Return a picture's message."""

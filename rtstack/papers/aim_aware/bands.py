@@ -47,10 +47,7 @@ class Bands:
         """From the last inclination that is always expected to the first that never is, on either side, degrees."""
         always = self.always or (0.0, 0.0)
         below, above = self.never
-        return (
-            inf if below is None else always[0] - below,
-            inf if above is None else above - always[1],
-        )
+        return (inf if below is None else always[0] - below, inf if above is None else above - always[1])
 
     def words(self) -> str:
         """Return what is always expected in words."""

@@ -6,17 +6,7 @@ from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rtstack.experiments.experiment import (
-    SIMULATED,
-    CellRun,
-    Experiment,
-    Request,
-    Results,
-    Row,
-    Stage,
-    Stages,
-    Task,
-)
+from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
 from rtstack.papers.impact_maps.plan import (
