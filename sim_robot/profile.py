@@ -95,7 +95,6 @@ class MovedTracker:
         self._back = _quaternion(built.tracker_deg) * _INVERSE
 
     def latest(self) -> ObjectPose:
-        """See ObjectTracker."""
         pose, given = self._tracker.latest(), self._given
         given.record[:] = pose.record
         given.position[:] = self._built.to_tracker(self._built.body(pose.position, pose.orientation_wxyz))

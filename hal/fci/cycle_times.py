@@ -60,5 +60,4 @@ class CycleTimes:
 
     @property
     def late(self) -> bool:
-        """See hal.cycle.Cycles."""
         return bool(self._words[_LATE])

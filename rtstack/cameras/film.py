@@ -43,7 +43,6 @@ class _Source:
             raise OSError(f"{self._name}: {error}") from None
 
     def close(self) -> None:
-        """See Camera."""
         self._container.close()
 
 
@@ -57,7 +56,6 @@ class Device(_Source):
         super().__init__(request, format="v4l2", options=options, timeout=_ALONE_S)
 
     def read(self) -> tuple[int, NDArray[np.uint8]] | None:
-        """See Camera."""
         found = next(self._frames, None)
         if found is None:
             raise OSError(f"{self._name} gives no more pictures")
@@ -82,7 +80,6 @@ class Film(_Source):
         self._due_ns, self._now_ns = 0, -1
 
     def read(self) -> tuple[int, NDArray[np.uint8]] | None:
-        """See Camera."""
         samples = self._arm.drain()
         if len(samples):
             self._now_ns = int(samples["t_ns"][-1])

@@ -18,7 +18,7 @@ State = tuple[int, NDArray[np.float64], NDArray[np.float64] | None]  # t_ns, q (
 
 
 class SimulatedCamera:
-    """See Camera. Raises OSError where nothing can be drawn here."""
+    """A Camera. Raises OSError where nothing can be drawn here."""
 
     def __init__(self, request: CameraRequest) -> None:
         os.environ.setdefault("MUJOCO_GL", "egl")
@@ -55,7 +55,6 @@ class SimulatedCamera:
         self._waiting: deque[State] = deque(maxlen=_BEHIND)
 
     def read(self) -> tuple[int, NDArray[np.uint8]] | None:
-        """See Camera."""
         self._take()
         if not self._waiting:
             return None
@@ -106,7 +105,6 @@ class SimulatedCamera:
         self._held = [each[max(0, int(np.searchsorted(each["t_ns"], keep_ns)) - 1) :] for each in self._held]
 
     def close(self) -> None:
-        """See Camera."""
         self._renderer.close()
 
 

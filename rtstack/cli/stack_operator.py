@@ -41,7 +41,7 @@ _RESULTS: dict[str, type[Result]] = {
 
 
 class StackOperator:
-    """See rtstack.experiments.cell.host.CellHost."""
+    """A rtstack.experiments.cell.host.CellHost: the arms of a running stack."""
 
     def __init__(self, socket: Path, name: str, out: Path) -> None:
         """socket: of the robot process; out: the campaign's folder. Raises TrialError, ConfigurationError."""
@@ -61,7 +61,6 @@ class StackOperator:
 
     @property
     def stopped(self) -> str:
-        """See CellHost."""
         if self._stop is not None and self._stop.stop_requested:
             return "stopped between two runs"
         return self._lost
@@ -84,17 +83,14 @@ class StackOperator:
         return f"{reason}: press Go on on the page Campaigns" if reason else ""
 
     def look(self, reason: str) -> None:
-        """See CellHost."""
         if self.has_person:
             self._write_pause(reason)
 
     def ask(self, what: str) -> None:
-        """See CellHost."""
         self._write_pause(what)
 
     @contextmanager
     def kept_cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
-        """See CellHost."""
         try:
             cell, rings = shown_cell(self._run, self._description.name, self._description.sides)
         except LogError as error:
@@ -131,7 +127,6 @@ class StackOperator:
                         self._client.release(self._operator)  # a motion that still runs stops
 
     def carry_out(self, run: PreparedRun[Any], log: Path, record: Mapping[str, str] = {}) -> Any:
-        """See CellHost."""
         if getattr(run, "criterion", None) not in (None, SuccessCriterion()):
             raise TrialError("[success] of the plan is not the default: the stack knows no other; give --cell fci:")
         name = str(log.relative_to(self._logs))
@@ -145,7 +140,6 @@ class StackOperator:
         return _result(log, _RESULTS[job.kind], job)
 
     def recover(self) -> None:
-        """See CellHost."""
         with self._asking():
             if self._client.status().phase is Phase.FAULT:
                 self._client.recover(self._operator)

@@ -196,7 +196,6 @@ class Terminal(CellHost):
 
     @contextmanager
     def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
-        """See Host."""
         if self._context is not None:
             yield replace(self._context, progress=None)  # the bar is that of all runs
         else:
@@ -204,7 +203,6 @@ class Terminal(CellHost):
                 yield context
 
     def log(self, run: PreparedRun, cell: Cell) -> TrialLog | None:
-        """See Host."""
         if self.log_path is None:
             return None
         return run.open_log(self.log_path, self.kind, self.cell_file, cell, self.record)

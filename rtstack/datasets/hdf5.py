@@ -26,14 +26,13 @@ _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
 class Hdf5:
-    """One HDF5 file."""
+    """A Format: one HDF5 file."""
 
     needs: tuple[str, ...] = ("h5py",)
     alike = False
     settings: str = "hdf5"
 
     def write(self, episode: Episode, path: Path) -> None:
-        """See Format."""
         with _new_file(path) as file:
             recording = file.create_group(f"Rec_{episode.recorded:%Y%m%dT%H%M%SZ}")
             recording.attrs["recording_timestamp"] = f"{episode.recorded:%Y-%m-%dT%H:%M:%SZ}"

@@ -25,12 +25,11 @@ _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 
 
 class LeRobot(FrameFormat):
-    """A folder with data and meta: see FrameFormat."""
+    """A Format, a folder with data and meta: see FrameFormat."""
 
     name, needs = "lerobot", ("pyarrow",)
 
     def write(self, episode: Episode, path: Path) -> None:
-        """See Format."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 

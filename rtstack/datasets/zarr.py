@@ -22,12 +22,11 @@ _SAID = "said"
 
 
 class Zarr(FrameFormat):
-    """A folder: see FrameFormat."""
+    """A Format, a folder: see FrameFormat."""
 
     name, needs = "zarr", ("zarr",)
 
     def write(self, episode: Episode, path: Path) -> None:
-        """See Format."""
         features = frames_of(episode, self.fps, self.ticks)
         arrays = {name: feature.values for name, feature in features.items()}
         attributes = {name: {**each.attributes, "names": each.names} for name, each in features.items()}
@@ -41,7 +40,6 @@ class Zarr(FrameFormat):
             np.savez(file, **arrays, **{_SAID: np.array(json.dumps(said))})  # type: ignore[arg-type]
 
     def join(self, episodes: Sequence[Path], whole: Path) -> None:
-        """See Format."""
         import zarr
 
         root = zarr.open_group(str(whole), mode="w", zarr_format=2)

@@ -27,7 +27,6 @@ class WorkerHost:
 
     @contextmanager
     def cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
-        """See Host."""
         with closing(self.opened(run)) as cell:
             yield cell
 
@@ -36,11 +35,9 @@ class WorkerHost:
 
     @contextmanager
     def accompany(self, run: PreparedRun[Any], cell: Cell) -> Iterator[RunContext]:
-        """See Host."""
         yield NO_CONTEXT
 
     def log(self, run: PreparedRun[Any], cell: Cell) -> RunLog | None:
-        """See Host."""
         return self.kept(run, cell)
 
 

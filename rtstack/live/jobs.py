@@ -90,7 +90,6 @@ class Jobs:
 
     @contextmanager
     def cell(self, run: PreparedRun) -> Iterator[Cell]:
-        """See Host."""
         if run.keeps_open_cell:
             yield self.open_cell or self.open_first()
         else:
@@ -104,7 +103,6 @@ class Jobs:
         return cell
 
     def warn(self, text: str) -> None:
-        """See Host."""
         self._idle.tell(Level.WARNING, text)
 
     @contextmanager

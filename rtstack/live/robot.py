@@ -100,7 +100,6 @@ class Robot:
             self._jobs.close()
 
     def run_events(self) -> Iterable[RunEvent]:
-        """See RunObserver."""
         self._pulse.beat()
         return self._job_manager.authority.run_events()
 

@@ -37,7 +37,6 @@ class _ShownTracker:
         self._reader, self._pose = reader, ObjectPose.empty()
 
     def latest(self) -> ObjectPose:
-        """See hal.tracker.ObjectTracker."""
         if (last := self._reader.latest()) is not None:
             self._pose.record[0] = last[0]
         return self._pose

@@ -55,7 +55,6 @@ class LoggedTracker:
         self._poses, self._arm, self._pose = poses, arm, ObjectPose.empty()
 
     def latest(self) -> ObjectPose:
-        """See hal.tracker.ObjectTracker."""
         newest = self._newest[min(self._arm.tick, len(self._newest) - 1)] if self._arm.tick >= 0 else -1
         if newest >= 0:
             self._pose.record[0] = self._poses[newest]
@@ -71,7 +70,6 @@ class LoggedStop:
 
     @property
     def stop_requested(self) -> bool:
-        """See rtstack.loop.session.StopSignal."""
         return next(self._ticks) >= self._from
 
 
