@@ -42,7 +42,7 @@ check: setup  ## lint, types, import rules
 docs: setup  ## the documentation's site, warnings as errors, into out/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"
 
-hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--cell-file FILE --marks --motion" (report: out/hil/); else simulated
+hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--cell-file FILE --marks --reflexes --motion" (report: out/hil/); else simulated
 	$(BIN)/python -m pytest -p no:cacheprovider tests/hil $(if $(CELL),--cell $(CELL)) --hil-report out/hil/$$(date +%Y-%m-%dT%H-%M-%S).md $(HIL)
 
 reproduce: setup  ## every table and figure again, on one page; 40 minutes on two cores, resumes (QUICK=1: a sample in five minutes; DATA=DIR: measurements for reality; out/reproduce)

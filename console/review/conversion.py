@@ -5,7 +5,6 @@
 The index in the folder grows with every batch, so that a page shows the beginning while the rest is being read.
 """
 
-import argparse
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -119,20 +118,16 @@ def _rows(topics: Sequence[str], writers: dict[str, ColumnWriter]) -> dict[str, 
     return {topic: writers[topic].rows if topic in writers else 0 for topic in topics}
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(log: str, folder: str) -> int:
     """Convert one log. Returns 2, with one line on standard error and in the index, where it cannot be read."""
-    parser = argparse.ArgumentParser(prog="conversion")
-    parser.add_argument("log", type=Path)
-    parser.add_argument("folder", type=Path)
-    asked = parser.parse_args(arguments)
     try:
-        convert(read_log(asked.log, truncated=True), asked.folder, stand_back)  # a page waits for the first part
+        convert(read_log(Path(log), truncated=True), Path(folder), stand_back)  # a page waits for the first part
     except (LogError, OSError) as error:
-        Index(0, 0.0, {}, done=True, error=str(error)).write(asked.folder)
+        Index(0, 0.0, {}, done=True, error=str(error)).write(Path(folder))
         print(error, file=sys.stderr)
         return 2
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*sys.argv[1:]))

@@ -395,6 +395,8 @@ class TeleopInput:
     def _job(self, *kinds: JobKind) -> Job | None:
         status = self._watch.view.status
         job = None if status is None else status.job
-        kinds = kinds or (JobKind.TELEOPERATION, JobKind.GUIDE)
+        if not kinds:  # for which a clutch is held: on real arms for every motion
+            led = (JobKind.TELEOPERATION, JobKind.GUIDE)
+            kinds = led if status is None or status.simulated else tuple(JobKind)
         runs = job is not None and job.kind in kinds and job.state is JobState.RUNNING
         return job if runs else None

@@ -50,6 +50,8 @@ WATCHDOGS = (
           OVERRUN_TICKS, "ticks", End.TICK_OVERRUN, _ALONE, "loop"),
     Entry("first torque", "one arm shows a torque of ours and the other one none; clocks of their own only",
           FIRST_TORQUE_TICKS, "ticks", End.TORQUE_NOT_TAKEN, _STOP, "loop"),
+    Entry("lost answers", "a quarter of the answers to an arm come too late; clocks of their own only", 1, "s",
+          End.TORQUE_NOT_TAKEN, _STOP, "loop"),
     Entry("stale state", "a state that does not change", _MS, "ms", Cause.STATE_AGE.text,
           f"{_STOP}; then, since the judge cannot brake by such a state, {_ROBOT}", "judge, loop"),
     Entry("impossible torque", "ticks in a row whose torque the judge had to limit", LIMITED_TICKS, "ticks",

@@ -11,6 +11,9 @@ from hal.limits import CollisionBehaviour
 from hal.pad import Pad
 
 _EXACT = 1e-6  # m: closer than this a frame of the robot (float32 on the wire) is the one that was asked for
+# what the box holds an arm with before and after torque control, Nm/rad: libfranka's setDefaultBehavior
+# (examples_common.cpp). Who used the robot last may have left another one
+_JOINT_IMPEDANCE = [3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0]
 _MASS_TOLERANCE_KG = 1e-3
 _MOMENT_TOLERANCE_KGM = 0.01  # ours: of the centre of mass, 0.1 Nm of its weight
 
@@ -29,6 +32,7 @@ def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehavi
     the end effector set in Desk), or nothing of it: then it is a load.
     """
     tell_collisions(robot, collisions)
+    robot.set_joint_impedance(_JOINT_IMPEDANCE)
     if tool is None:
         return
     state = robot.read_once()

@@ -6,7 +6,6 @@ was taken. The tag's own frame: x to its right, y up, z out of it, its origin in
 pictures are looked at outside the loop.
 """
 
-import argparse
 import json
 import socket
 import struct
@@ -176,19 +175,14 @@ def watch(camera: TagCamera, tag: int, listener: tuple[str, int]) -> None:
 
 
 def main() -> None:
-    """Pass poses on until the process that has asked for them ends."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("camera", type=json.loads)
-    parser.add_argument("tag", type=int)
-    parser.add_argument("to_host")
-    parser.add_argument("to_port", type=int)
-    options = parser.parse_args()
-    camera, said = TagCamera(**options.camera), ""
+    """Pass poses on until the process that has asked for them ends. Arguments: camera as JSON, tag, host, port."""
+    described, tag, host, port = sys.argv[1:]
+    camera, said = TagCamera(**json.loads(described)), ""
     detector(camera)
     ready()
     while True:
         try:
-            watch(camera, options.tag, (options.to_host, options.to_port))
+            watch(camera, int(tag), (host, int(port)))
         except OSError as error:
             if str(error) != said:
                 said = str(error)

@@ -8,11 +8,11 @@ Nothing maintained on PyPI reads NatNet 4. The messages as in NaturalPoint's des
 4.1, "direct depacketization"): little-endian; a list has its length in front, and since 4.1 its size in bytes after it.
 """
 
-import argparse
 import contextlib
 import select
 import socket
 import struct
+import sys
 import time
 from collections.abc import Iterator
 
@@ -205,23 +205,16 @@ class NatNetTracker(TrackerProcess):
         the body's number."""
         if request.body is None:
             raise ValueError("NatNet needs the number of the object's rigid body: [tracker.bodies.OBJECT] id")
-        options = ("--multicast", request.multicast) if request.multicast else ()
         host = socket.gethostbyname(request.host)
-        super().__init__(request, "hal.trackers.natnet", host, str(request.port), str(request.body), options=options)
+        arguments = (host, str(request.port), str(request.body), request.multicast)
+        super().__init__(request, "hal.trackers.natnet", *arguments)
 
 
 def main() -> None:
-    """Pass poses on until the process that has asked for them ends."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("ip")
-    parser.add_argument("port", type=int)
-    parser.add_argument("body", type=int)
-    parser.add_argument("to_host")
-    parser.add_argument("to_port", type=int)
-    parser.add_argument("--multicast", default="")
-    options = parser.parse_args()
-    server, listener = (options.ip, options.port), (options.to_host, options.to_port)
-    client = _Client(server, options.body, listener, options.multicast)
+    """Pass poses on until the process that has asked for them ends. Arguments: server, port, body, multicast group or
+    "", host, port."""
+    ip, port, body, multicast, host, to_port = sys.argv[1:]
+    client = _Client((ip, int(port)), int(body), (host, int(to_port)), multicast)
     ready()
     client.run()
 

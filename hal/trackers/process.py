@@ -52,9 +52,9 @@ class TrackerProcess:
     Raises OSError.
     """
 
-    def __init__(self, request: TrackerRequest, module: str, *arguments: str, options: tuple[str, ...] = ()) -> None:
+    def __init__(self, request: TrackerRequest, module: str, *arguments: str) -> None:
         self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
-        command = [sys.executable, "-m", module, *arguments, *map(str, self._link.address), *options]
+        command = [sys.executable, "-m", module, *arguments, *map(str, self._link.address)]
         self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
         with self._process.stdout as said:

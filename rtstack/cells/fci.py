@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
+from hal.base.realtime import obtainable
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.errors import HardwareError
@@ -86,6 +87,11 @@ def _open(request: CellRequest) -> Cell:
     tracker = _listen(request.description.tracker, request.object_name, robot_clock)
     try:
         real = request.description.enforce_realtime and not all(map(on_this_machine, addresses))
+        if real and obtainable().scheduler != "fifo":
+            raise TrialError(
+                "this user gets no real-time scheduling (SCHED_FIFO): `sudo rtstack host-setup --user NAME`, then log "
+                "in again; for commissioning: enforce_realtime = false in the cell's file"
+            )
         given = fci_addresses(request.kind)
         pair = open_pair(
             given.get("left"), given.get("right"), pad_tools(request.description),

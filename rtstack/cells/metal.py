@@ -69,8 +69,7 @@ def check_measured(addresses: Sequence[str], description: CellDescription, cell_
     calibration = description.calibration
     if calibration is None:
         raise TrialError(
-            f"{cell_file} does not say when its geometry was measured: measure it (rtstack calibrate "
-            "--write), or write [calibration] date = YYYY-MM-DD"
+            f"{cell_file} does not say when its geometry was measured: measure it (rtstack calibrate --write)"
         )
     today = date.today()
     if calibration.date > today:
@@ -80,6 +79,10 @@ def check_measured(addresses: Sequence[str], description: CellDescription, cell_
         raise TrialError(
             f"{cell_file}: the calibration of {calibration.date} was valid until {ends}: measure the cell again, "
             "then write the new date under [calibration]"
+        )
+    if calibration.rms_mm is None:
+        raise TrialError(
+            f"{cell_file}: [calibration] has no rms_mm, and a date alone is no measurement: rtstack calibrate --write"
         )
     for name, millimetres in (("rms_mm", calibration.rms_mm), ("uncertainty_mm", calibration.uncertainty_mm)):
         if millimetres is not None and millimetres > LARGEST_RMS_MM:
@@ -92,6 +95,14 @@ def check_measured(addresses: Sequence[str], description: CellDescription, cell_
             f"{cell_file} was written on {written}, before its calibration of {calibration.date}: "
             "take the measured numbers over into the file"
         )
+    if not {"ee_lower", "ee_upper"} <= description.safety.keys():
+        raise TrialError(f"{cell_file} has no box for the pads: write ee_lower and ee_upper under [safety]")
+    for side, arm in description.mountings.items():
+        if not arm.serial and not on_this_machine(arm.address):
+            raise TrialError(
+                f"{cell_file} does not say which box the {side} arm has: write its serial number, which `rtstack desk "
+                f"status` says, under [{side}]"
+            )
 
 
 def check_boxes(description: CellDescription) -> None:

@@ -36,12 +36,13 @@ def link_findings(
 ) -> list[Finding]:
     """Hold the arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
 
-    Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run).
+    Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run). Their geometry need not
+    have been measured: an arm is held where it is, and nobody has to touch one that was not.
     """
     try:
-        hold = HoldToRun(kind, description, cell_file or default_cell_file())
+        hold = HoldToRun(kind, description, cell_file or default_cell_file(), led=True)
         what = f"hold of the {' and '.join(description.sides)} arm for {ticks * 1e-3:g} s"
-        opened = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
+        opened = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file, led=True)
         with closing(opened) as cell, interruptible() as stop, hold.held(what, stop):
             found = held_findings(cell, ticks, description, stop)
         return found + [

@@ -12,7 +12,7 @@ from hal.displacement import Displacement
 from hal.errors import HardwareError
 from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
-from rtstack.live.protocol import RunRequest
+from rtstack.live.protocol import JobKind, RunRequest
 from rtstack.live.source import CellSource
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
@@ -29,6 +29,7 @@ from rtstack.trials.run_context import RunContext, RunObserver
 
 _libc = ctypes.CDLL(None)
 _FIRST_HOLD_S = 3.0  # from a guide's order until its clutch must be held: the page that orders it holds it already
+_HOLD_S = 30.0  # and from another order for real arms: a person takes the key
 _LOOK_S = 0.01
 
 
@@ -109,21 +110,23 @@ class Jobs:
     def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
         """See Host. Raises TrialError where a clutch is not held."""
         manager, mailbox, watchdogs = self._job_manager, self._mailbox, self._watchdogs
-        if run.specification.by_hand:
+        by_hand, led = run.specification.by_hand, JobKind(run.specification.verb) is JobKind.TELEOPERATION
+        # a campaign has a person who watches, and a teleoperation its own clutch
+        if by_hand or not (run.description.simulated or led or self._campaign):
             manager.started(None)
-            watchdogs = (*watchdogs, self._held_clutch())
+            watchdogs = (*watchdogs, self._held_clutch(_FIRST_HOLD_S if by_hand else _HOLD_S))
         yield RunContext(
             live=self._rings, stop=mailbox, progress=manager.progress if run.logged else None, watchdogs=watchdogs,
             run_observer=self._run_observer, soft_stop=Finish(mailbox, manager.job_number), mailbox=mailbox,
         )  # fmt: skip
 
-    def _held_clutch(self) -> Clutch:
+    def _held_clutch(self, within_s: float) -> Clutch:
         clutch = Clutch(self._mailbox, self._job_manager.job_number)
-        due_s = time.monotonic() + _FIRST_HOLD_S
+        due_s = time.monotonic() + within_s
         while not clutch.held:
             gone = any(watchdog.trip() for watchdog in self._watchdogs)
             if gone or self._mailbox.stop_requested or time.monotonic() > due_s:
-                raise TrialError("the clutch was not held: nothing has moved")
+                raise TrialError("the clutch was not held (C on Operate, a gamepad, a phone): nothing has moved")
             time.sleep(_LOOK_S)
         return clutch
 

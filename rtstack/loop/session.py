@@ -27,7 +27,7 @@ from rtstack.loop.fault import Fault, FaultNotes
 from rtstack.loop.publisher import CycleReporter, Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
-from rtstack.loop.watchdogs import FirstTorque, TickOverrun, Watchdog, WatchdogTrip
+from rtstack.loop.watchdogs import FirstTorque, LostAnswers, TickOverrun, Watchdog, WatchdogTrip
 from rtstack.safety.judge import Cause, ForcePhase, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, Level, Mode, QpStatus
 
@@ -191,7 +191,8 @@ class Session:
         self._compute_us = publisher.timing["compute_us"]
         self._cycles = CycleReporter(cell.cycles if cell.own_clocks else None, self._stamps, publisher)
         self._overrun = TickOverrun(len(cell.arms))
-        own = (self._overrun, FirstTorque(dict(zip(cell.sides, self._echoes, strict=True))))
+        echoes = dict(zip(cell.sides, self._echoes, strict=True))
+        own = (self._overrun, FirstTorque(echoes), LostAnswers(echoes))
         self._watchdogs = (*watchdogs, *own) if cell.own_clocks else tuple(watchdogs)
         self._notes = FaultNotes(cell.sides)
         self._reporter = EventReporter(publisher, controller, self._time, self._notes, cell.sides)

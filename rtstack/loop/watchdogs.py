@@ -26,6 +26,9 @@ CLUTCH_S = 0.3  # of a clutch that is held: a page beats every 50 ms, and one th
 OVERRUN_TICKS = round(LARGEST_GAP_S / CONTROL_PERIOD_S) // 2
 # A robot that counts from the start of its motion gives up after 20 answers, and says so itself.
 FIRST_TORQUE_TICKS = 50
+# Ours: `rtstack check` fails a link that loses a tenth, and a machine that stalls now and then loses some hundredths
+LOST_SHARE = 0.25
+_MARK_TICKS, _MARKS = 100, 10
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
 
@@ -135,4 +138,27 @@ class FirstTorque(Watchdog):
                     End.TORQUE_NOT_TAKEN, f"the {side} arm shows none of its first {echo.lost} torques",
                     value=echo.lost, bound=FIRST_TORQUE_TICKS, side=side,
                 )  # fmt: skip
+        return None
+
+
+class LostAnswers(Watchdog):
+    """Trips where more than LOST_SHARE of an arm's answers within about a second came too late: its robot repeats
+    torques that were right for other states. Asked once for each state of an arm.
+    """
+
+    def __init__(self, echoes: Mapping[str, CommandEcho]) -> None:
+        """echoes: of each arm, by its side."""
+        self._arms = [(side, echo, [0] * _MARKS) for side, echo in echoes.items()]
+        self._asked = 0
+
+    def trip(self) -> WatchdogTrip | None:
+        self._asked += 1
+        number, between = divmod(self._asked, _MARK_TICKS * len(self._arms))
+        if between:
+            return None
+        for side, echo, marks in self._arms:
+            lost, marks[number % _MARKS] = echo.lost - marks[number % _MARKS], echo.lost
+            if lost > LOST_SHARE * _MARK_TICKS * _MARKS:
+                detail = f"{lost} of the last {_MARK_TICKS * _MARKS} answers to the {side} arm came too late"
+                return WatchdogTrip(End.TORQUE_NOT_TAKEN, detail, value=lost, side=side)
         return None

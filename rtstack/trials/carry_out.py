@@ -12,7 +12,11 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from hal.cell import Cell
 from hal.displacement import Displacement
+from rtstack.control.modes import Strategy
+from rtstack.control.parameters import DetectorParameters
 from rtstack.model.cell_description import CellDescription
+from rtstack.trials.assembly import cell_controller, cell_parameters, following
+from rtstack.trials.estimate import check_estimate
 from rtstack.trials.record import RunLog, TrialLog, open_log
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
@@ -46,8 +50,11 @@ class PreparedRun(Generic[R]):
         return None
 
     def look(self, cell: Cell) -> str:
-        """Return in one line what is to be known of the open cell before it runs, "" for nothing. Raises TrialError."""
-        return ""
+        """Return in one line what is to be known of the open cell before it runs, "" for nothing: what the arms feel at
+        rest. Raises TrialError."""
+        if self.led or self.keeps_open_cell:  # a hand may be on an arm, and the pads hold something
+            return ""
+        return check_estimate(cell, self.description, DetectorParameters(), detects=False)
 
     def start_motion(self, cell: Cell) -> StartMotion | None:
         """Return the motion to where the run begins, by default to home; None where the arms begin anywhere.
@@ -94,6 +101,8 @@ class Host(Protocol):
 
 def carry_out(run: PreparedRun[R], host: Host) -> R:
     """Carry out a prepared run. Raises TrialError, LogError, HardwareError; then no arm has moved."""
+    if not run.description.simulated:  # compiled, or loaded, before a robot is connected to and a person is asked
+        cell_controller(run.description, cell_parameters(run.description), following(Strategy.PROPOSED), 0.0)
     with host.cell(run) as cell:
         if said := run.look(cell):
             host.warn(said)

@@ -156,6 +156,8 @@ def start_motion(
         return None
     arm, joint = np.unravel_index(distance.argmax(), distance.shape)
     if distance[arm, joint] > limits.longest_rad:
+        if len(now) == 2 and np.abs(goal[::-1] - now).max() <= limits.longest_rad:
+            raise TrialError("each arm stands where the other one starts: are their addresses or cables exchanged?")
         raise TrialError(
             f"joint {joint + 1} of the {sides[arm]} arm is {distance[arm, joint]:.2f} rad from the start pose, more "
             f"than longest_rad = {limits.longest_rad:g} under [start_motion]: bring the arm nearer by hand"

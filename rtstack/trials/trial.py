@@ -126,6 +126,11 @@ def prepare_trial(
         file = None if reference.planned else tuning_file(name)
         tuned_by = file if file is not None and file.parent == tuning_folder() else None
     prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor, tuned_by)
+    if prepared.unwatched is not None and not description.simulated and description.unexpected_impact is None:
+        raise TrialError(
+            f'nothing watches the impact on these arms: {prepared.unwatched}; or write unexpected_impact = "continue" '
+            "into the cell's file"
+        )
     if specification.reaction is Reaction.CONTINUE and prepared.unwatched is None:
         return replace(prepared, specification=replace(specification, reaction=description.reaction))
     if prepared.unwatched is not None and specification.reaction is not Reaction.CONTINUE:

@@ -46,8 +46,8 @@ class DeskProcess:
         descriptor, self.flags = shared_flags(len(addresses))
         # standard input ends with this process, however it ends
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sim_robot.desk", f"--flags={descriptor}", f"--port={PORT}",
-             f"--self-test-due-s={self_test_due_s!r}", *(f"{side}={address}" for side, address in addresses.items())],
+            [sys.executable, "-m", "sim_robot.desk", str(descriptor), str(PORT), repr(self_test_due_s),
+             *(f"{side}={address}" for side, address in addresses.items())],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=(descriptor,), start_new_session=True,
         )  # fmt: skip
         os.close(descriptor)

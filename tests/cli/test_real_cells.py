@@ -57,6 +57,9 @@ WRONG = {
         [(CALIBRATED, f"[calibration]\ndate = {days(-8)}\nvalid_days = 7\n")], LEFT, RIGHT, "valid until",
     ),
     "badly calibrated": ([("rms_mm = 1.2", "rms_mm = 3.1")], LEFT, RIGHT, "rms_mm"),
+    "a typed date": ([("rms_mm = 1.2", "")], LEFT, RIGHT, "a date alone is no measurement"),
+    "no box for the pads": ([("ee_lower = ", "# ee_lower = ")], LEFT, RIGHT, r"ee_lower and ee_upper under \[safety\]"),
+    "whose box": ([], LEFT, RIGHT, r"its serial number, which .* under \[left\]"),
     "too coarsely calibrated": ([(CALIBRATED, CALIBRATED + "uncertainty_mm = 3.1\n")], LEFT, RIGHT, "uncertainty_mm"),
     "exchanged": ([], RIGHT, LEFT, r"\[left\] address"),
     "another left arm": ([], "192.0.2.9", RIGHT, r"\[left\] address"),
@@ -107,9 +110,8 @@ def test_arms_that_a_person_leads_may_be_measured_for_the_first_time(tmp_path):
         open_cell(kind, "", 0.0, 0, description, cell_file=path, led=True)
 
 
-@pytest.mark.parametrize("left_out", ["", "rms_mm = 1.2\n"])
-def test_the_right_set_up_gets_as_far_as_the_arms(tmp_path, left_out):
-    path = cell_file(tmp_path, (LEFT, "127.0.99.97"), (RIGHT, "127.0.99.98"), (left_out, ""))
+def test_the_right_set_up_gets_as_far_as_the_arms(tmp_path):
+    path = cell_file(tmp_path, (LEFT, "127.0.99.97"), (RIGHT, "127.0.99.98"))
     with pytest.raises(HardwareError, match="does not answer"):
         open_cell("fci:127.0.99.97,127.0.99.98", "rice_box", 0.0, 0, load_description(path)[0], cell_file=path)
 

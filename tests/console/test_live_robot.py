@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import typer
 
+import rtstack.live.jobs
 from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
@@ -296,7 +297,10 @@ def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_h
 
         robot.job_manager.order(RunRequest(GuideSpecification(), "anna"))  # and the clutch is not held
         job = robot.finished()
-        assert (job.state, job.reason) == (JobState.FAILED, "the clutch was not held: nothing has moved")
+        assert (job.state, job.reason) == (
+            JobState.FAILED,
+            "the clutch was not held (C on Operate, a gamepad, a phone): nothing has moved",
+        )
 
         robot.job_manager.order(RunRequest(GuideSpecification(), "anna"))
         cell = robot.opened[-1]
@@ -316,6 +320,32 @@ def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_h
         assert (job.kind, job.state, job.success, job.log) == ("guide", JobState.DONE, True, None)
         robot.job_manager.recover("anna").result(PATIENCE_S)
         assert robot.authority.view().phase is Phase.DISARMED
+    finally:
+        robot.close()
+
+
+def test_real_arms_move_while_a_clutch_is_held_whatever_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr(rtstack.live.jobs, "_HOLD_S", 0.5)
+    robot = RunningRobot(tmp_path, simulated=False)
+    try:
+        robot.order(DEMONSTRATION)
+        job = robot.finished()
+        assert (job.state, job.log) == (JobState.FAILED, None)
+        assert job.reason.startswith("the clutch was not held")
+        monkeypatch.setattr(rtstack.live.jobs, "_HOLD_S", PATIENCE_S)
+        robot.order(DEMONSTRATION)
+
+        def moves() -> bool:
+            _hold(robot)
+            assert robot.job_manager.status().job.active
+            state = robot.latest("left")
+            return state is not None and abs(state["dq"]).max() > 0.05
+
+        wait_for(moves)
+        _hold(robot, clutch_ns=0, release=Release.RELEASED)
+        job = robot.finished()
+        assert (job.success, End.in_reason(job.reason)) == (False, End.RELEASED)
+        assert read_log(robot.logs / job.log).complete
     finally:
         robot.close()
 

@@ -193,7 +193,7 @@ def test_a_writer_that_is_fed_in_pieces_writes_the_same(tmp_path):
 def test_a_file_that_cannot_be_read_says_so_in_one_line(tmp_path, capsys):
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\nand then nothing of use")
-    assert conversion([str(broken), str(tmp_path)]) == 2
+    assert conversion(str(broken), str(tmp_path)) == 2
     index = read_index(tmp_path)
     assert index is not None
     assert "not a log of ours" in (index.error or "")

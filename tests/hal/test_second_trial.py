@@ -3,13 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hal.cell import Cell
+from hal.errors import HardwareError
 from hal.fci import open_pair
 from hal.pad import Pad
 from rtstack.cells.simulator import Simulator
+from rtstack.trials import carry_out as carried
+from rtstack.trials.move import PreparedMove
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.specification import HandMotion, MoveSpecification, TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -36,3 +40,19 @@ def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(simulator
     assert not result.success
     assert result.failure_reason == "stop requested by the operator: on the way to the start pose"
     assert (result.ticks, result.max_lift_mm) == (0, None)
+
+
+def test_real_arms_are_connected_to_once_everything_is_compiled(cell, monkeypatch):
+    """A cold cache took three minutes with the key held, and ended in "has sent no state"."""
+    done: list[str] = []
+    monkeypatch.setattr(carried, "cell_controller", lambda *_: done.append("compiled"))
+
+    class Host:
+        def cell(self, run):
+            done.append("connected")
+            raise HardwareError("no arm")
+
+    run = PreparedMove(MoveSpecification(HandMotion.OPEN), replace(cell, simulated=False))
+    with pytest.raises(HardwareError):
+        carried.carry_out(run, Host())
+    assert done == ["compiled", "connected"]

@@ -2,7 +2,10 @@
 
     pytest tests/hil                                            a simulated cell of its own, in lockstep
     pytest tests/hil --cell 172.16.0.2,172.16.1.2 --cell-file FILE --marks     metal: both are held, stopped, recovered
+    pytest tests/hil --cell ... --cell-file FILE --reflexes                    metal: they are also let go and shaken
     pytest tests/hil --cell ... --cell-file FILE --motion                      metal: they also grab the box
+
+On metal each arm is let in by the gate of every command (rtstack.cells.metal), with the thresholds of the approach.
 
 --hil-report FILE.md keeps date, addresses, versions, figures and a verdict per number.
 """
@@ -22,7 +25,7 @@ import pytest
 
 from hal.cell import Cell
 from hal.tracker_link import TrackerLink
-from rtstack.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, kind_of, open_cell
 from rtstack.check.host import host_findings
 from rtstack.model.cell_description import CellDescription, TrackerDescription, load_cell_description
 from rtstack.trials.demonstration import run_demonstration
@@ -100,6 +103,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--cell", metavar="LEFT,RIGHT", help="addresses of the arms; without: a simulated cell")
     group.addoption("--cell-file", type=Path, metavar="FILE", help="of the arms at --cell; needed where they are real")
     group.addoption("--marks", action="store_true", help="assert the marks of timing too, not only its figures")
+    group.addoption("--reflexes", action="store_true", help="arms may be left without torque, and run into a reflex")
     group.addoption("--motion", action="store_true", help="the arms may move: the box is on its marks, nobody is near")
     group.addoption("--hil-report", metavar="FILE.md", help="keep the figures and verdicts here")
 
@@ -123,6 +127,11 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
     at, marks = request.config.getoption("cell", None), bool(request.config.getoption("marks", False))
     if at is not None:
         left, right = at.split(",")
+        file = request.config.getoption("cell_file", None)
+        description = load_cell_description(file or default_cell_file())
+        kind, argument = kind_of(f"fci:{at}")
+        kind.check(argument, description, file)
+        kind.measured(argument, description, file)
         yield Robot(left, right, False, marks, TrackerDescription().address)
         return
     left, right, tracker = _addresses()
@@ -148,6 +157,13 @@ def cell_source(request: pytest.FixtureRequest) -> Path:
 def cell(cell_source: Path) -> CellDescription:
     """The description of the cell."""
     return load_cell_description(cell_source)
+
+
+@pytest.fixture
+def let_go(request: pytest.FixtureRequest, robot: Robot) -> None:
+    """What leaves the arms without a torque of ours, or asks for too much, needs a word, too."""
+    if not robot.simulated and not request.config.getoption("reflexes", False):
+        pytest.skip("metal: the arms would be let go and run into a reflex; with nobody near, add --reflexes")
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ def test_the_robots_limits_are_those_we_keep(robot, side, record_property) -> No
         assert values.min() >= -1e-6, (name, values)
 
 
+@pytest.mark.usefixtures("let_go")
 def test_a_torque_jump_is_refused_by_name_and_recovered_from(robot: Robot) -> None:
     pair = robot.pair()
     try:
@@ -42,6 +43,7 @@ def test_a_torque_jump_is_refused_by_name_and_recovered_from(robot: Robot) -> No
         pair.close()
 
 
+@pytest.mark.usefixtures("let_go")
 def test_a_torque_that_is_no_number_never_leaves(robot: Robot) -> None:
     pair = robot.pair()
     try:

@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 from hal.fci import open_pair
 from hal.state import RobotMode
 
@@ -35,6 +37,7 @@ while True:
 """
 
 
+@pytest.mark.usefixtures("let_go")
 def test_a_controller_that_is_killed_leaves_both_arms_stopped_with_the_vendors_name(robot, record_property) -> None:
     command = [sys.executable, "-c", _HOLD, robot.left, robot.right, str(robot.simulated), str(ANSWERS)]
     controller = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

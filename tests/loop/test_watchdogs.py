@@ -29,6 +29,7 @@ from rtstack.loop.watchdogs import (
     OVERRUN_TICKS,
     FirstTorque,
     Heartbeat,
+    LostAnswers,
     TickOverrun,
 )
 from rtstack.safety.judge import Judgement
@@ -395,3 +396,19 @@ def test_an_arm_whose_first_torques_do_not_come_back_ends_the_other_ones_motion(
     early = {"left": Echo(seen=True, lost=0), "right": Echo(seen=False, lost=lost - 1)}
     assert FirstTorque(early).trip() is None
     assert FirstTorque({"right": Echo(seen=False, lost=lost)}).trip() is None  # there is no other arm
+
+
+def test_a_link_that_loses_more_than_a_quarter_of_its_answers_ends_the_motion():
+    left, right = Echo(seen=True, lost=0), Echo(seen=True, lost=0)
+    watchdog = LostAnswers({"left": left, "right": right})
+    for tick in range(3000):
+        left.lost += tick % 5 == 0
+        assert watchdog.trip() is None  # once for each arm's state
+        assert watchdog.trip() is None
+    trips = []
+    for _ in range(400):
+        right.lost += 1
+        trips += [watchdog.trip(), watchdog.trip()]
+    first = next(trip for trip in trips if trip is not None)
+    assert trips.index(first) / 2 == pytest.approx(300, abs=100)  # ms: as soon as more than 250 are lost
+    assert (first.end, first.side, first.end.is_fault) == (End.TORQUE_NOT_TAKEN, "right", True)

@@ -14,10 +14,12 @@ from rtstack.control.parameters import DetectorParameters
 from rtstack.model.arm_model import ArmModel
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.trials.assembly import cell_parameters
+from rtstack.trials.demonstration import PreparedDemonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate, resting_force
+from rtstack.trials.motion import PreparedMotion
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, SweepSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import faults_in
@@ -132,6 +134,20 @@ def test_a_trial_is_refused_where_no_impact_could_be_told(cell):
     plant.states["O_F_ext_hat_K"] = 0.0
     with pytest.raises(TrialError, match="estimates no force at all"):
         check_estimate(with_link(plant), cell, DetectorParameters())
+
+
+@pytest.mark.parametrize("kind", ["demonstration", "friction"])
+def test_no_motion_begins_with_an_arm_that_would_sink(cell, kind):
+    """20 N at rest: the pad of a demonstration sank by 10 mm in 0.24 s."""
+    run = {
+        "demonstration": PreparedDemonstration(DemonstrationSpecification(), cell),
+        "friction": PreparedMotion(SweepSpecification("rice_box", 1, 0), cell, None, cell_parameters(cell), 0),
+    }[kind]
+    with pytest.raises(TrialError, match=r"the left arm feels 20\.\d N .* it would sink"):
+        run.look(with_link(showing(20.0)))
+    silent = showing(0.0)  # another author's robot, which estimates nothing, moves freely
+    silent.states["O_F_ext_hat_K"] = 0.0
+    assert run.look(with_link(silent)) == ""
 
 
 def test_by_the_papers_law_the_same_bias_is_a_missed_impact(trial):

@@ -144,6 +144,10 @@ def test_an_object_without_a_tuning_is_not_watched_and_its_trial_says_how_to_mak
     with pytest.raises(TrialError, match="nothing would start the reaction hold: the monitor is not tuned for box_060"):
         prepare_trial(replace(specification, reaction=Reaction.HOLD), cell)
     assert prepare_trial(specification, cell, monitor=tuning_of("rice_box").monitor).unwatched is None
+    real, asked = replace(cell, simulated=False), replace(specification, reaction=Reaction.CONTINUE)
+    with pytest.raises(TrialError, match="nothing watches the impact on these arms: the monitor is not tuned for"):
+        prepare_trial(asked, real)
+    assert prepare_trial(asked, replace(real, unexpected_impact=Reaction.CONTINUE)).unwatched is not None
     prepared = prepare_trial(specification, cell)
     result = attempt(prepared, cell, tmp_path / "trial.mcap")
     assert (result.impact_verdict, result.impact_margin, result.impact_kind) == (None, None, None)

@@ -1,6 +1,6 @@
 // The running job, its progress, and a way to end it; then what became of it: a trial in a card, others in a sentence.
 
-import { TWO } from "./arms.js";
+import { REAL, TWO } from "./arms.js";
 import { forgetErrors, showError } from "./errors.js";
 import { stop } from "./stop.js";
 import { TrialCard } from "./trial_card.js";
@@ -19,7 +19,9 @@ export function sentence(job, fault) {
   const why = fault !== null && (job.reason ?? "").includes(fault) ? "" : `: ${job.reason}`;
   switch (job.state) {
     case "starting": return [`${what} is being prepared.`, ""];
-    case "running": return [`${what} runs.`, ""];
+    case "running":
+      if (REAL && job.kind !== "teleoperation") return [`${what}: hold C on Operate, or another clutch. Let it go, and ${TWO ? "both arms stop" : "the arm stops"}.`, ""];
+      return [`${what} runs.`, ""];
     case "stopping": return [`${what} is being stopped.`, ""];
     case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
     case "failed": return [`${what} failed${why}.`, "bad"];

@@ -1,7 +1,7 @@
 // The panel of the hand: start and finish, the clutch, how the arms follow, and what the pads feel.
 
 import { post } from "./api.js";
-import { ALL_ARMS, SIDES, TWO, UNCHANGED } from "./arms.js";
+import { ALL_ARMS, REAL, SIDES, TWO, UNCHANGED } from "./arms.js";
 import { showCamera } from "./camera.js";
 import { latencyLine } from "./commands.js";
 import { whyNot } from "./control.js";
@@ -170,7 +170,8 @@ export class Teleoperate {
     const mine = status?.holder === you;
     const led = SIDES.every((side) => view[side].mode === "TELEOPERATION");
     const guided = job?.kind === "guide" && job.state === "running";
-    this.hand.usable = ((active && job.state === "running" && led) || guided) && mine && !view.unreachable;
+    const watched = REAL && !active && job?.state === "running";
+    this.hand.usable = ((active && job.state === "running" && led) || guided || watched) && mine && !view.unreachable;
     if (!this.hand.usable && this.hand.held) this.hand.letGo(false);
     if (guided && this.guiding) this.hand.press("guide");
     const wayOut = status?.phase === "fault" && mine && !["starting", "running", "stopping"].includes(job?.state);
