@@ -223,8 +223,9 @@ def _look_along(
     it."""
     least: dict[tuple[str, str], float] = {}
 
-    def look(what: str, to: str, gap: float, clear: float) -> None:
-        if gap < (clear if t_s == path.duration_s else least.setdefault((what, to), min(clear, gap - DIP_M))):
+    def look(what: str, to: str, gap: float, clear: float, within: float = -DIP_M) -> None:
+        begins = least.setdefault((what, to), min(clear, max(gap - DIP_M, within)))
+        if gap < (clear if t_s == path.duration_s else begins):
             raise WayRefused(
                 f"{REFUSED} {what} would come too near to {to}: "
                 "bring the arms clear of it by hand, or take the object away"
@@ -250,7 +251,7 @@ def _look_along(
             look(f"the {side} pad", "the table", min(_gap(box, board), _gap(box, floor)), CLEAR_OF_TABLE_M)
             look(f"a link of the {side} arm", "the table", link, CLEAR_OF_TABLE_M)
             if thing is not None:
-                look(f"the {side} pad", "the object", _gap(box, thing), CLEAR_OF_OBJECT_M)
+                look(f"the {side} pad", "the object", _gap(box, thing), CLEAR_OF_OBJECT_M, -np.inf)  # it may be turned
         if len(boxes) == 2:
             look("the left pad", "the right one", _gap(boxes[0], boxes[1]), CLEAR_OF_EACH_OTHER_M)
             look("the left arm", "the right one", apart, ARM_DISTANCE_M)

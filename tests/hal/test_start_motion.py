@@ -226,3 +226,8 @@ def test_arms_that_sag_near_the_table_may_rise_from_it_and_not_sink(cell):
     lower[0, 1] += 0.01
     with pytest.raises(TrialError, match="the left pad would come too near to the table"):
         looked(low, lower)
+    sunk = homes.copy()
+    sunk[0, 1] += 0.06  # lower than the table: it stands beside it, and its straight way up may lead into it
+    unboxed = replace(cell, safety={})
+    with pytest.raises(TrialError, match="the left pad would come too near to the table"):
+        module._look_along(JointPath.between(sunk, homes, QUICK), arms, unboxed, None)
