@@ -37,7 +37,7 @@ def link_findings(
     """Hold the arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
 
     Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run). Their geometry need not
-    have been measured: an arm is held where it is, and nobody has to touch one that was not.
+    have been measured: an arm is held where it is, before a person touches it.
     """
     try:
         hold = HoldToRun(kind, description, cell_file or default_cell_file(), led=True)
