@@ -151,7 +151,7 @@ class TeleopInput:
             self._notice()
             if self._by is None:
                 command = self._watch.command()
-                if command is None and job.kind is not JobKind.GUIDE:  # which follows no request
+                if command is None and job.kind is JobKind.TELEOPERATION:  # others follow no request
                     raise RobotRefused("the arms have not said yet where they are")
                 self._asked, self._by, self._refusal = command, operator, None
                 self._by_grip, self._goal = False, None

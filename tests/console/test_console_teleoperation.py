@@ -332,3 +332,23 @@ def test_a_gizmo_has_arrows_or_rings_and_never_both(running):
         gizmos.show(served.parts.watch.measured(), served.parts.watch.command(), served.parts.watch.forces())
         for grip in [hand._grip for hand in gizmos._hands]:
             assert (grip.disable_axes, grip.disable_rotations, grip.disable_sliders) == (rings, not rings, True)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_on_real_arms_a_clutch_is_held_for_every_motion(served, simulated, monkeypatch):
+    description = replace(served.job_manager._description, simulated=simulated)
+    monkeypatch.setattr(served.job_manager, "_description", description)
+    with served.signed_in() as (client, headers):
+        arm(client, headers)
+        assert client.post("/api/jobs/demonstration", json=ORDER, headers=headers).status_code == 202
+        served.job_manager.started("x.mcap")
+        wait_for(lambda: served.parts.watch.view.status.job is not None)
+        wait_for(lambda: served.parts.watch.view.status.job.state is JobState.RUNNING)
+        answer = say(client, headers, clutch=True)
+        if simulated:
+            assert "no teleoperation runs" in answer.json()["error"]
+            return
+        assert answer.json()["held"]
+        assert (target(served)["job"], target(served)["clutch_ns"] > 0) == (1, True)
+        say(client, headers, clutch=False)
+        assert (target(served)["clutch_ns"], target(served)["release"]) == (0, Release.RELEASED)
