@@ -37,7 +37,7 @@ from rtstack.trials.assembly import (
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext, RunEvent
-from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.start_motion import StartMotion, reaching
 from rtstack.trials.tightening import limits_of_arms, limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
 from rtstack.trials.unled import Unled
@@ -254,9 +254,9 @@ class Run:
         description, log = self._description, self._log
         limits, parameters = limits_of_cell(limits_of_arms(description), cell), cell_parameters(description)
         request = ControllerRequest(description, parameters, arm_controllers(description, parameters, limits), 0.0)
-        laws, lasts_s = way.laws(
-            request.arms, parameters.friction, np.stack([arm.read().q.copy() for arm in cell.arms])
-        )
+        now = np.stack([arm.read().q.copy() for arm in cell.arms])
+        laws, lasts_s = way.laws(request.arms, parameters.friction, now)
+        limits = reaching(limits, request.arms, now)
         unled, period_s = Unled(lasts_s, len(laws)), parameters.control.period_s
         plan = SessionPlan.from_source(unled, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
         history = History(round(lasts_s / period_s) + SPARE_TICKS, False, description.sides)

@@ -6,7 +6,7 @@ links of the table and of the other arm. The arms follow the way under torque, w
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2
 
 import numpy as np
@@ -23,6 +23,7 @@ from rtstack.control.tick import ArmController
 from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription, StartMotionLimits
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.model.rotation import log_so3
+from rtstack.safety.limits import PairLimits
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import limits_of_arms
@@ -57,6 +58,7 @@ DIP_M = 0.001  # a straight way in the joints is none in space
 LOOKS = 60  # along the way
 NEWTON_STEPS = 20
 SETTLE_S = 0.3  # the arms come to rest at the end of the way
+REACH_M = 0.01  # a straight way in the joints is none in space
 MOVED_RAD = 0.02  # further from where the way began an arm was moved after it had been looked at
 _EXACT = 1e-8  # m and rad
 # of s(x) = 10 x^3 - 15 x^4 + 6 x^5 over x = 0..1: the largest slope (at 1/2) and curvature (at 1/2 -+ sqrt(3)/6)
@@ -216,6 +218,17 @@ def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:
     return np.stack([centre - half, centre + half])
 
 
+def reaching(limits: PairLimits, arms: Sequence[ArmController], q: Array) -> PairLimits:
+    """Return the judge's limits on a way that begins at q (arms, 7), rad: the box reaches to where a pad begins, as
+    arms do that stand in the vendor's pose."""
+    wider = []
+    for own, arm, now in zip(limits, arms, q, strict=True):
+        face = arm.observed_at(now)["position"]
+        low, high = np.minimum(own.ee_lower, face - REACH_M), np.maximum(own.ee_upper, face + REACH_M)
+        wider.append(replace(own, ee_lower=tuple(low.tolist()), ee_upper=tuple(high.tolist())))
+    return tuple(wider)
+
+
 def _look_along(
     path: JointPath, arms: Sequence[ArmController], description: CellDescription, thing: Array | None
 ) -> None:
@@ -235,7 +248,7 @@ def _look_along(
     half = np.array(table.size_xy) / 2.0
     board = np.array([[*(np.array(table.centre_xy) - half), -1.0], [*(np.array(table.centre_xy) + half), table.top_z]])
     floor = np.array([[-9.0, -9.0, -1.0], [9.0, 9.0, 0.0]])
-    clearance, limits = Clearance(description), limits_of_arms(description)
+    clearance, limits = Clearance(description), reaching(limits_of_arms(description), arms, path.start)
     for t_s in np.linspace(0.0, path.duration_s, LOOKS):
         q = path.at(float(t_s))
         boxes = [_pad_box(arm, own, pad.size) for arm, own, pad in zip(arms, q, description.pads, strict=True)]
@@ -244,8 +257,8 @@ def _look_along(
             face = arm.workspace["position"][0]
             if np.any(face < limit.ee_lower) or np.any(face > limit.ee_upper):
                 raise WayRefused(
-                    f"{REFUSED} the {side} pad would be outside of its box (ee_lower, ee_upper under [safety]): "
-                    "lead the arms back into it by hand (rtstack guide)"
+                    f"{REFUSED} the {side} pad would leave its box (ee_lower, ee_upper under [safety]): "
+                    "bring the arms nearer by hand (rtstack guide)"
                 )
         for side, box, link in zip(description.sides, boxes, links, strict=True):
             look(f"the {side} pad", "the table", min(_gap(box, board), _gap(box, floor)), CLEAR_OF_TABLE_M)
