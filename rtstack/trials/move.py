@@ -31,9 +31,8 @@ from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification, like
-from rtstack.trials.start_motion import StartMotion, object_before
+from rtstack.trials.start_motion import StartMotion, Unled, object_before
 from rtstack.trials.tightening import limits_of_arms
-from rtstack.trials.unled import Unled
 
 HELD_N = 5.0  # on both pads, away from each other: the impact detector's force_high
 ON_TABLE_M = 0.015  # below it an object that the tracker sees stands on the table

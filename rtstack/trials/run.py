@@ -37,10 +37,9 @@ from rtstack.trials.assembly import (
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext, RunEvent
-from rtstack.trials.start_motion import StartMotion, reaching
+from rtstack.trials.start_motion import StartMotion, Unled, reaching
 from rtstack.trials.tightening import limits_of_arms, limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
-from rtstack.trials.unled import Unled
 
 PROGRESS_TICKS = 50  # how often progress is told
 ROOM_TICKS = 16  # how often a run that may wait looks whether the log keeps up; the rings have room for many more
@@ -260,12 +259,12 @@ class Run:
         unled, period_s = Unled(lasts_s, len(laws)), parameters.control.period_s
         plan = SessionPlan.from_source(unled, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
         history = History(round(lasts_s / period_s) + SPARE_TICKS, False, description.sides)
-        live = Publisher([self._context.live] if self._context.live is not None else [], history, sides=cell.sides)
+        kept = Publisher([], history, sides=cell.sides)  # live views would take it for the run
         self._began_ns = 0 if cell.waits else cell.arms[0].read().t_ns
         publisher.event(self._began_ns, Level.INFO, "start", way.summary)
         self._tell_collisions(cell, ForcePhase.APPROACH)
         session = Session(
-            cell, request.pair(request.modes(Strategy.PROPOSED), laws), safety_judges(description, limits), live, plan,
+            cell, request.pair(request.modes(Strategy.PROPOSED), laws), safety_judges(description, limits), kept, plan,
             self._context.stop,
             None if log is None else lambda index: log.wait_for_room() if index % ROOM_TICKS == 0 else None,
             description.torque_filter.cutoff_hz, (*self._watchdogs, unled),

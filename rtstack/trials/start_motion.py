@@ -17,13 +17,18 @@ from hal.cell import LEFT, RIGHT, Cell
 from hal.displacement import Displacement
 from hal.limits import CONTROL_PERIOD_S
 from hal.tracker import ObjectPose
+from rtstack.control.controller import ObservedArm
 from rtstack.control.joint_law import JointLaw
 from rtstack.control.parameters import FrictionParameters
+from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
+from rtstack.loop.end import End
+from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription, StartMotionLimits
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.model.rotation import log_so3
 from rtstack.safety.limits import PairLimits
+from rtstack.samples import Level
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import limits_of_arms
@@ -121,6 +126,32 @@ class StartMotion:
         """What happens, for the log."""
         furthest = np.abs(self.path.goal - self.path.start).max()
         return f"to the start pose in {self.path.duration_s:.1f} s, at most {furthest:.2f} rad a joint"
+
+
+class Unled(Watchdog):
+    """A point source whose points are where the arms are, and a watchdog that ends it after so many seconds."""
+
+    def __init__(self, seconds: float | None, arms: int) -> None:
+        self.points = np.zeros((arms, 1), POINT)
+        self._most_ns = None if seconds is None else round(seconds * 1e9)
+        self._began_ns: int | None = None
+        self._now_ns = 0
+
+    def listen(self) -> None:
+        """See rtstack.loop.session.PointSource: nothing is asked for."""
+
+    def step(self, side: int, arm: ObservedArm) -> None:
+        """Write where the arm is: there is nothing to be followed."""
+        point, work = self.points[side], arm.workspace[0]
+        point["position"], point["rotation"] = work["position"], work["rotation"]
+        if side == 0:
+            self._now_ns = int(arm.sample["t_ns"][0])
+            self._began_ns = self._now_ns if self._began_ns is None else self._began_ns
+
+    def trip(self) -> WatchdogTrip | None:
+        if self._most_ns is None or self._began_ns is None or self._now_ns - self._began_ns < self._most_ns:
+            return None
+        return WatchdogTrip(End.COMPLETED, "", Level.INFO)
 
 
 def start_motion(

@@ -28,9 +28,8 @@ from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT
-from rtstack.trials.start_motion import JointPath, StartMotion, WayRefused, _look_along
+from rtstack.trials.start_motion import JointPath, StartMotion, Unled, WayRefused, _look_along
 from rtstack.trials.tightening import limits_of_arms
-from rtstack.trials.unled import Unled
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.plant_parameters import OWN_FILES
 from sim_robot.scene import NO_OBJECT, Scene

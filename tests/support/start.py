@@ -10,8 +10,7 @@ from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.motion import run_motion
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.start_motion import JointPath, StartMotion
-from rtstack.trials.unled import Unled
+from rtstack.trials.start_motion import JointPath, StartMotion, Unled
 
 QUICK = StartMotionLimits(1.0, 5.0)
 
