@@ -10,11 +10,10 @@ judge stops it.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S
-from rtstack.control.controller import ObservedArm
+from rtstack.control.controller import ArmLaw, ObservedArm
 from rtstack.safety.limits import SafetyLimits
 from rtstack.safety.records import StopProfile
 from rtstack.samples import Mode, QpStatus
@@ -113,7 +112,7 @@ def guide(samples, workspaces, limits, all_lines):
         out[i] = min(max(tau, last - limit["tau_step"]), last + limit["tau_step"])
 
 
-class GuidingLaw:
+class GuidingLaw(ArmLaw):
     """The ArmLaw of a hand-guided arm. limits: the cell's; outside: whether the arm stands beyond one of them."""
 
     def __init__(self, arm: ObservedArm, limits: SafetyLimits, outside: bool) -> None:
@@ -137,13 +136,6 @@ class GuidingLaw:
         arm.sample[:], arm.workspace[:] = before
         lines["begun"] = 0
 
-    def follow(self, ante: NDArray[np.void], post: NDArray[np.void]) -> None:
-        """Follow nothing: a hand leads."""
-
-    def observe(self) -> None:
-        """Need nothing more than the arm has observed."""
-
     def command(self, mode: Mode) -> QpStatus:
-        """Write the torque. See rtstack.control.controller.ArmLaw."""
         self._guide()
         return QpStatus.NOT_USED

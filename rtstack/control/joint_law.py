@@ -5,11 +5,10 @@ joint_impedance_control.cpp, and what friction takes at the velocity that is ask
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hal.base.arrays import Array
 from hal.compilation import bound, compiled
-from rtstack.control.controller import ObservedArm
+from rtstack.control.controller import ArmLaw, ObservedArm
 from rtstack.control.law import friction_torque
 from rtstack.control.parameters import FrictionParameters
 from rtstack.samples import Mode, QpStatus
@@ -36,7 +35,7 @@ def follow_joints(samples, workspaces, limits, q_ref, dq_ref, friction, began_ns
         sample["tau_desired"][i] = min(max(tau, last - limit["tau_step"]), last + limit["tau_step"])
 
 
-class JointLaw:
+class JointLaw(ArmLaw):
     """The ArmLaw of an arm along a path of its joints q (n, 7), rad, dq (n, 7), rad/s, which it holds at its end."""
 
     def __init__(self, arm: ObservedArm, q: Array, dq: Array, friction: FrictionParameters) -> None:
@@ -51,13 +50,6 @@ class JointLaw:
         arm.sample[:] = before
         self._began_ns[0] = -1
 
-    def follow(self, ante: NDArray[np.void], post: NDArray[np.void]) -> None:
-        """Follow the path alone."""
-
-    def observe(self) -> None:
-        """Need nothing more than the arm has observed."""
-
     def command(self, mode: Mode) -> QpStatus:
-        """Write the torque. See rtstack.control.controller.ArmLaw."""
         self._follow()
         return QpStatus.NOT_USED

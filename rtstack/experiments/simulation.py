@@ -10,13 +10,13 @@ from hal.cell import Cell
 from rtstack.cells import load_description, open_cell
 from rtstack.experiments.case_log import row_of
 from rtstack.experiments.experiment import Case, CellRun, Experiment, Row, Task
-from rtstack.trials.carry_out import PreparedRun, carry_out
+from rtstack.trials.carry_out import Host, PreparedRun, carry_out
 from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 
 
 @dataclass(frozen=True, slots=True)
-class WorkerHost:
+class WorkerHost(Host):
     """A campaign's worker as the host of a run (rtstack.trials.carry_out): a cell of its own, and no person.
 
     opened: opens it; kept: gives the log, None where nothing is written.
@@ -29,9 +29,6 @@ class WorkerHost:
     def cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
         with closing(self.opened(run)) as cell:
             yield cell
-
-    def warn(self, text: str) -> None:
-        """See Host: the worker shows nothing."""
 
     @contextmanager
     def accompany(self, run: PreparedRun[Any], cell: Cell) -> Iterator[RunContext]:

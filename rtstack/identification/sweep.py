@@ -134,9 +134,6 @@ class PreparedWiggle(PreparedRun[MotionResult]):
     logged: ClassVar[bool] = False
     side: int
 
-    def start_motion(self, cell: Cell) -> None:
-        """See PreparedRun: it begins where the arms are."""
-
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> MotionResult:
         parameters = cell_parameters(self.description)
         q = where_arms_stand(self.description, cell).q

@@ -20,7 +20,7 @@ _HEAVY_KG, _PAD_KG = 20.0, (0.01, 5.0)
 _UNIT = 0.01  # a quaternion's length may be so far from 1: it was rounded
 _APART_M = 0.1
 _BOX = ("ee_lower", "ee_upper")
-_SUNK_M = 0.005  # what rounding and a calibration may take a pad into the table
+_OUTSIDE_M = 0.1  # a calibration moves a base by some cm, another unit, order or side by more
 
 
 def check_plausible(description: "CellDescription") -> None:
@@ -40,7 +40,7 @@ def check_plausible(description: "CellDescription") -> None:
         if not abs(np.linalg.norm(arm.base_orientation_wxyz) - 1.0) <= _UNIT:
             raise ValueError(f"{side}.base_orientation_wxyz: not of length 1: give w, x, y, z of a unit quaternion")
     places = [arm.base_position for arm in description.arms]
-    if len(places) == 2 and np.linalg.norm(np.subtract(*places)) < _APART_M:
+    if len(places) == 2 and np.linalg.norm(np.array(places[0]) - np.array(places[1])) < _APART_M:
         raise ValueError("right.base_position: both bases are in one place")
     _check_home(description)
 
@@ -64,13 +64,14 @@ def _lengths(description: "CellDescription") -> Iterator[tuple[str, Any, float]]
 
 def _check_home(description: "CellDescription") -> None:
     """Refuse bases from which the pads are, at home, outside of their box or in the table."""
-    limits = [hardware_limits(model).tightened(description.safety) for model in description.robots]
+    limits = tuple(hardware_limits(model).tightened(description.safety) for model in description.robots)
     faces = standing(description.home, description.bases, description.tools, limits).face
     table, half = description.table, np.array(description.table.size_xy) / 2
     for side, face, limit in zip(description.sides, faces, limits, strict=True):
         where = f"{side}.base_position: at home the {side} pad's face is at {np.round(face, 2).tolist()} m, "
         wrong = "a base (m; w, x, y, z), home, or the sides of both arms are wrong"
-        if np.any(face < limit.ee_lower) or np.any(face > limit.ee_upper):
+        beyond = np.maximum(np.subtract(limit.ee_lower, face), np.subtract(face, limit.ee_upper))
+        if beyond.max() > _OUTSIDE_M:
             raise ValueError(f"{where}outside of its box ([safety] ee_lower, ee_upper): {wrong}")
-        if np.all(np.abs(face[:2] - table.centre_xy) < half) and face[2] < table.top_z - _SUNK_M:
+        if np.all(np.abs(face[:2] - table.centre_xy) < half) and face[2] < table.top_z - _OUTSIDE_M:
             raise ValueError(f"{where}in the table: {wrong}")

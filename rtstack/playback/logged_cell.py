@@ -6,6 +6,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arm import Arm
 from hal.cell import Cell
 from hal.errors import ConnectionLost
 from hal.state import ARM_STATE, ArmState
@@ -17,8 +18,8 @@ from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.samples import SIDES, Mode
 
 
-class LoggedArm:
-    """An arm of the log. tick: of the state that was read last, -1 before the first."""
+class LoggedArm(Arm):
+    """An arm of the log, which nothing moves. tick: of the state that was read last, -1 before the first."""
 
     def __init__(self, samples: NDArray) -> None:
         self._rows = np.ascontiguousarray(samples[list(ARM_STATE.names or ())]).astype(ARM_STATE)
@@ -32,18 +33,6 @@ class LoggedArm:
             raise ConnectionLost("the log ends here")
         self._state.record[0] = self._rows[self.tick]
         return self._state
-
-    def write(self, tau: NDArray[np.float64]) -> None:
-        """See hal.arm.Arm: the next state is the log's."""
-
-    def stop(self) -> None:
-        """See hal.arm.Arm."""
-
-    def recover(self) -> None:
-        """See hal.arm.Arm."""
-
-    def close(self) -> None:
-        """See hal.arm.Arm."""
 
 
 class LoggedTracker:

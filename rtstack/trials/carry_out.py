@@ -57,10 +57,10 @@ class PreparedRun(Generic[R]):
         return check_estimate(cell, self.description, DetectorParameters(), detects=False)
 
     def start_motion(self, cell: Cell) -> StartMotion | None:
-        """Return the motion to where the run begins, by default to home; None where the arms begin anywhere.
-
-        Raises TrialError, HardwareError.
-        """
+        """Return the motion to where the run begins, by default to home; None where the arms begin anywhere, on the
+        cell as it is, or led by a person. Raises TrialError, HardwareError."""
+        if self.keeps_open_cell or self.led:
+            return None
         return start_motion(cell, self.description, self.specification.object, self.displacement)
 
     def about(self) -> dict[str, Any]:

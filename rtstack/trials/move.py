@@ -76,9 +76,6 @@ class PreparedMove(PreparedRun[MoveResult]):
                 raise TrialError(f"what the pads hold is {where}, and would fall: put it down first")
         return ""
 
-    def start_motion(self, cell: Cell) -> None:
-        """See PreparedRun: it begins where the arms are."""
-
     def run(self, cell: Cell, context: RunContext = NO_CONTEXT, way: StartMotion | None = None) -> MoveResult:
         specification, description = self.specification, self.description
         parameters, limits = cell_parameters(description), limits_of_arms(description)
@@ -109,9 +106,6 @@ class PreparedGuide(PreparedRun[GuideResult]):
     led: ClassVar[bool] = True
     logged: ClassVar[bool] = False
     specification: GuideSpecification
-
-    def start_motion(self, cell: Cell) -> None:
-        """See PreparedRun: it begins where the arms are."""
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None = None) -> GuideResult:
         """See PreparedRun: until a watchdog or the stop of the context ends it, or its seconds are over.

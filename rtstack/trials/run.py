@@ -252,10 +252,10 @@ class Run:
         attachment: its topics begin with the run. Return the outcome where the arms have not arrived."""
         description, log = self._description, self._log
         limits, parameters = limits_of_cell(limits_of_arms(description), cell), cell_parameters(description)
-        request = ControllerRequest(description, parameters, arm_controllers(description, parameters, limits), 0.0)
         now = np.stack([arm.read().q.copy() for arm in cell.arms])
+        limits = reaching(limits, arm_controllers(description, parameters), now)
+        request = ControllerRequest(description, parameters, arm_controllers(description, parameters, limits), 0.0)
         laws, lasts_s = way.laws(request.arms, parameters.friction, now)
-        limits = reaching(limits, request.arms, now)
         unled, period_s = Unled(lasts_s, len(laws)), parameters.control.period_s
         plan = SessionPlan.from_source(unled, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
         history = History(round(lasts_s / period_s) + SPARE_TICKS, False, description.sides)

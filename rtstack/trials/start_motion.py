@@ -283,7 +283,7 @@ def _look_along(
     for t_s in np.linspace(0.0, path.duration_s, LOOKS):
         q = path.at(float(t_s))
         boxes = [_pad_box(arm, own, pad.size) for arm, own, pad in zip(arms, q, description.pads, strict=True)]
-        links, apart = clearance.at(q)
+        links, apart = clearance.at(list(q))
         for side, arm, limit in zip(description.sides, arms, limits, strict=True):
             face = arm.workspace["position"][0]
             if np.any(face < limit.ee_lower) or np.any(face > limit.ee_upper):

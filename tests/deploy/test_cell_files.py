@@ -11,6 +11,10 @@ from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.assembly import cell_parameters, default_parameters
 
 TEXT = default_cell_file().read_text()
+LEFT = "base_position = [-0.4, 0.5, 0.0]"
+UPRIGHT, XYZW, LONG = (
+    f"base_orientation_wxyz = {q}" for q in ([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [2.0, 0.0, 0.0, 0.0])
+)
 
 
 @pytest.mark.parametrize(
@@ -39,11 +43,11 @@ TEXT = default_cell_file().read_text()
         ("longest_rad = 1.5", "longest_rad = 0", "start_motion.longest_rad"),
         # what can hardly be meant: in mm or g, in another order, of the other arm
         ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-400.0, 500.0, 0.0]", "left.base_position"),
-        ("wxyz = [1.0, 0.0, 0.0, 0.0]", "wxyz = [0.0, 0.0, 0.0, 1.0]", "left.base_position"),
-        ("wxyz = [1.0, 0.0, 0.0, 0.0]", "wxyz = [2.0, 0.0, 0.0, 0.0]", "left.base_orientation_wxyz"),
-        ("base_position = [-0.4, -0.5, 0.0]", "base_position = [-0.4, 0.5, 0.0]", "right.base_position"),
-        ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, -0.6, 0.0]", "left.base_position"),
-        ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, 0.5, -0.1]", "left.base_position"),
+        (f"{LEFT}\n{UPRIGHT}", f"{XYZW}\n{LEFT}", "left.base_position"),
+        (f"{LEFT}\n{UPRIGHT}", f"{LEFT}\n{LONG}", "left.base_orientation_wxyz"),
+        ("base_position = [-0.4, -0.5, 0.0]", "base_position = [-0.4, 0.52, 0.0]", "right.base_position"),
+        ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, -0.9, 0.0]", "left.base_position"),
+        ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, 0.5, -0.3]", "left.base_position"),
         ("top_z = 0.2", "top_z = 200.2", "table.top_z"),
         ("mass = 0.35", "mass = 350.0", "pad.mass"),
         ("mass = 0.35", "mass = 0.0", "pad.mass"),
