@@ -1,9 +1,7 @@
 """A policy that leads the arms: an operator gives it a lease; it is asked over a WebSocket, 10 to 50 times a second.
 
-The console sends one observation (rtstack.teleoperation.policy.Observation, as JSON), the policy answers it with `to`,
-its number, and a chunk: `step_s` and `poses` or `joints`, or `finished`. The next observation follows a step later,
-with `refused`, why the last answer is not followed, or null. While the policy has no lease, the console says `waiting`.
-Pictures are JPEG in base64.
+docs/howto/policy.md has the messages. The next observation follows a step after the answer to the last one. While the
+policy has no lease, the console says `waiting`.
 An answer that is missing, late or wrong is no sign of life: the robot process stops the arms when CLUTCH_S
 (rtstack.loop.watchdogs) have passed without one. A connection that closes ends the lease, and the arms hold.
 

@@ -1,17 +1,6 @@
 """Teleoperation: a WebSocket and plain requests. A program moves the arms in the same way as the page.
 
-A message may hold any of: clutch (true holds it, and is its sign of life; false lets go; lost: because the operator is
-out of sight), grip (a mouse button is down in the scene: a drag of a gizmo holds the clutch), coupling, handles
-(whether the gizmos move or turn), speed_m_s, stiffness_n_m, lead (the hands back to before the last drag, or upright),
-and for each arm a pose (position m, wxyz), the pose of a hand that leads it (hands: from wherever it was when the
-clutch began to be held; null leads nothing), or a deflection (-1..1 along and about the world's axes). A cell with one
-arm takes what is of this arm alone, and no coupling but `separate`. A clutch that is held has to be said again, as the
-page does every 50 ms: the robot process stops the arms when CLUTCH_S (rtstack.loop.watchdogs) have passed without.
-
-Whatever holds the clutch or moves a hand carries a stamp: who sent it, its sequence, when it was made, which picture
-(`number` of the live view, `picture` of an answer) it answers and when that was seen. One that is older than 100 ms or
-comes after a later one is not applied, and no sign of life; one made on a picture older than 250 ms moves nothing. To
-let go, and stop (STOP, before all that waits), need no stamp.
+docs/howto/teleoperation.md has the messages and their stamps.
 """
 
 import asyncio

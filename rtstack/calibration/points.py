@@ -1,14 +1,7 @@
 """The file of measured points, what they are for the fit, and the result on its way into the file of the cell.
 
-`[points.NAME]` each:
-
-what    touch: a pad's face is at `place` in the world; meet: the faces of two arms' pads are at one place, its own
-        unknown;
-        see: the tracker sees the marker of the flange at `place` in its own frame; stand: `object` stands on the
-        table at the world's origin, not turned, and the tracker sees the body that it follows at `place`, in its own
-        frame; rest: the arms rest, free, with `tau_left` and `tau_right`, Nm, as external torques
-side    left or right: whose pad or marker
-q_left, q_right    joints as measured, rad, of each arm of the cell; missing: still to be measured; stand needs none
+docs/howto/calibration.md describes it, `[points.NAME]` each. q_left, q_right: joints as measured, rad; a point without
+is still to be measured, but for `stand`. tau_left, tau_right: external torques at rest, Nm.
 """
 
 import datetime

@@ -1,40 +1,6 @@
 """What can go wrong, by the name that a faults file gives as `kind`, with the kind's own keys.
 
-| kind             | own keys        | what happens                                                                    |
-| ---------------- | --------------- | ------------------------------------------------------------------------------- |
-| push             | force_N         | a force, (3,) N along the world's axes, on the face of the arm's pad            |
-| joint_push       | torque_Nm       | an outer torque, (7,) Nm, on the link side of the joints                        |
-| slip             | friction_factor | the friction between the arm's pad and the object, times this                   |
-| object_lost *    | -               | the object is taken away for good; the tracker sees it no more                  |
-| object_mass *    | mass_factor     | the object's mass and inertia, times this                                       |
-| object_tilted *  | tilt_deg        | the object stands on a wedge, turned about the world's x, from the start        |
-| friction_change  | friction_factor | the friction of the arm's joints, times this                                    |
-| tau_sensor_bias  | bias_Nm         | added to the joint torque sensors, (7,) Nm; the torque loop believes it         |
-| reflex           | error           | the vendor's error of that name; recovery is refused for `duration_s`           |
-| base_shaken      | acceleration    | added to what the accelerometer in the arm's base reads, (3,) m/s^2             |
-| user_stop        | -               | the external activation device is pressed: the arm brakes, and refuses Move     |
-| mode             | state           | the arm needs a person: `guiding` by hand, `brakes_locked`, `fci_off` (refuses  |
-|                  |                 | connections), `self_test_due`, `safety_function` (a rule of Watchman's)         |
-| state_frozen     | -               | the same state again and again, under rising time                               |
-| state_nan        | field           | this value of the state is no number: q, dq, tau_J, ... (all of its elements)   |
-| time_back        | back_ms         | the states' time stamps are set back by so much                                 |
-| states_lost +    | -               | the arm's client is sent no state                                               |
-| answers_lost +   | -               | the commands of the arm's client are dropped, as if they had come too late      |
-| disconnect +     | -               | the TCP connection of the arm's client is closed                                |
-| stall * +        | stall_ms        | the whole robot server stands still, in ms of wall-clock time                   |
-| tracker_lost *   | -               | motion capture has no new frames of the object                                  |
-| tracker_frozen * | -               | motion capture repeats its last pose under rising time                          |
-
-Keys of every kind: `arm` = left, right or both, of those that the cell has (none for kinds with *); the moment, which
-is either `at_s`, the robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the
-object) and `delay_s` after it; `duration_s`, to the end when left out. A `mode` without a moment is there from the
-start. object_lost, disconnect and stall have no duration, object_tilted neither that nor a moment, and a reflex without
-one is over at once, though latched. Kinds with + need the Franka Control Interface between robot and client.
-
-Time is the plant's, in ms: a fault at 0.1 s acts on the ms that follows the state at 0.1 s, and the state after it is
-the first that shows, freezes or loses anything, and whose answer is the first that is lost. In lockstep the plant
-stands still while no arm moves: nothing begins then, and what is active goes on with each state that is repeated. There
-a client that is sent no state of one arm is still waited for on the other arm.
+docs/reference/simulated_robot.md has the table and the keys of every kind.
 """
 
 from dataclasses import dataclass
