@@ -1,6 +1,6 @@
 """What can go wrong, by the name that a faults file gives as `kind`, with the kind's own keys.
 
-docs/reference/simulated_robot.md has the table and the keys of every kind.
+docs/fault_scripts.md has the table, the keys of every kind, and when each begins.
 """
 
 from dataclasses import dataclass
