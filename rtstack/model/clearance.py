@@ -24,8 +24,8 @@ class Clearance:
         self._low = np.array([*(np.array(table.centre_xy) - half), -np.inf])
         self._high = np.array([*(np.array(table.centre_xy) + half), table.top_z])
         self._bodies = [arm_body(arm.base, tool) for arm, tool in zip(description.arms, description.tools, strict=True)]
-        pairs = zip(self._bodies, reversed(self._bodies), strict=True)
-        self._rules = [rules(HARDWARE, StopProfile(), own, other) for own, other in pairs]
+        others = reversed(self._bodies)
+        self._rules = [rules(HARDWARE, StopProfile(), *both) for both in zip(self._bodies, others, strict=True)]
         self._memory = empty_memory(len(self._bodies))
 
     def at(self, q: Sequence[Array]) -> tuple[list[float], float]:
@@ -40,8 +40,7 @@ class Clearance:
             points = a + ALONG[:, None, None] * (b - a)
             away = np.maximum(self._low - points, points - self._high)
             gap = np.linalg.norm(np.maximum(away, 0.0), axis=2) + np.minimum(away.max(axis=2), 0.0)
-            gap = gap - rule[0]["radius"][links]
-            gaps.append(float(gap.min()))
+            gaps.append(float((gap - rule[0]["radius"][links]).min()))
         if len(self._bodies) == 1:
             return gaps, np.inf
         return gaps, float(arm_distance(memory[0], memory[1], self._rules[0][0], ARM_DISTANCE_M))
