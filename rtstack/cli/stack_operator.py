@@ -130,7 +130,7 @@ class StackOperator:
         if getattr(run, "criterion", None) not in (None, SuccessCriterion()):
             raise TrialError("[success] of the plan is not the default: the stack knows no other; give --cell fci:")
         name = str(log.relative_to(self._logs))
-        order = RunRequest(run.specification, self._operator, log=name, campaign=dict(record))
+        order = RunRequest(run.specification, self._operator, log=name, campaign=dict(record), watched=True)
         with self._asking():
             self.recover()
             job = self._end_of(self._client.start(order))

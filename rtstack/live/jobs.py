@@ -58,7 +58,7 @@ class Jobs:
         self._watchdogs = watchdogs
         self._run_observer = run_observer
         # what the running job was ordered with: log, text of a faults file, record of a campaign
-        self._path, self._faults, self._campaign = Path(), "", None
+        self._path, self._faults, self._campaign, self._watched = Path(), "", None, False
         self._first_object = next(iter(source.description.objects))
 
     def run(self, request: RunRequest, log: Path) -> Result:
@@ -66,7 +66,8 @@ class Jobs:
         manager, asked = self._job_manager, request.specification
         if not asked.by_hand:  # which is the way out, and to the next point of a calibration
             self._source.check()
-        self._path, self._faults, self._campaign = log, request.faults, request.campaign or None
+        self._path, self._faults, self._watched = log, request.faults, request.watched
+        self._campaign = request.campaign or None
         specification = asked.as_job(manager.job_number, request.operator, manager.object_name)
         return carry_out(prepare(specification, self._description), self)
 
@@ -112,7 +113,7 @@ class Jobs:
         manager, mailbox, watchdogs = self._job_manager, self._mailbox, self._watchdogs
         by_hand, led = run.specification.by_hand, JobKind(run.specification.verb) is JobKind.TELEOPERATION
         # a campaign has a person who watches, and a teleoperation its own clutch
-        if by_hand or not (run.description.simulated or led or self._campaign):
+        if by_hand or not (run.description.simulated or led or self._watched):
             manager.started(None)
             watchdogs = (*watchdogs, self._held_clutch(_FIRST_HOLD_S if by_hand else _HOLD_S))
         yield RunContext(

@@ -100,7 +100,7 @@ class RunRequest:
 
     faults: the text of a faults file for the simulated robot, as for `rtstack sim --faults`; empty for none.
     log: path of the log in the folder of logs; empty: a name of its time and kind. campaign: what the log says of the
-    campaign that the run is part of.
+    campaign that the run is part of. watched: a person watches the runs of real arms, so that no clutch is held.
     """
 
     specification: Annotated[JobSpecification, PlainValidator(_specification)]
@@ -108,6 +108,7 @@ class RunRequest:
     faults: Annotated[str, Field(max_length=4096)] = ""
     log: Annotated[str, Field(max_length=1024, pattern=_LOG_PATH)] = ""
     campaign: dict[str, str] = field(default_factory=dict)
+    watched: StrictBool = False
     verb: Literal["run"] = "run"
 
     @property

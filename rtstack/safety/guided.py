@@ -81,26 +81,31 @@ def outside_robot(limits: PairLimits, where: Standing, sides: Sequence[str]) -> 
 
 def guided_limits(limits: PairLimits, where: Standing) -> PairLimits:
     """Return the judge's limits for arms that stand there and are moved by hand."""
-    return tuple(_one(own, where, side) for side, own in enumerate(limits))
+    return reaching(tuple(_one(own, where, side) for side, own in enumerate(limits)), where, FURTHER_M)
+
+
+def reaching(limits: PairLimits, where: Standing, further_m: float) -> PairLimits:
+    """Return the judge's limits with boxes that reach to where the pads stand, and so much further."""
+    wider = []
+    for own, face in zip(limits, where.face, strict=True):
+        low, high = np.minimum(own.ee_lower, face - further_m), np.maximum(own.ee_upper, face + further_m)
+        wider.append(replace(own, ee_lower=tuple(low.tolist()), ee_upper=tuple(high.tolist())))
+    return tuple(wider)
 
 
 def _one(limits: SafetyLimits, where: Standing, side: int) -> SafetyLimits:
-    arm, q, face = limits.arm, where.q[side], where.face[side]
+    arm, q = limits.arm, where.q[side]
     slow = beyond_limits(limits, where, side)
     low, high = np.asarray(limits.q_lower), np.asarray(limits.q_upper)
     near = np.minimum(q - low, high - q) < (arm.velocity_offset + NOISE_RAD_S) ** 2 / (2.0 * arm.deceleration)
     low = np.where(q < low, np.maximum(q - FURTHER_RAD, arm.q_lower + ROBOT_MARGIN_RAD), low)
     high = np.where(q > high, np.minimum(q + FURTHER_RAD, arm.q_upper - ROBOT_MARGIN_RAD), high)
-    ee_low, ee_high = np.asarray(limits.ee_lower), np.asarray(limits.ee_upper)
-    ee_low, ee_high = np.minimum(ee_low, face - FURTHER_M), np.maximum(ee_high, face + FURTHER_M)
     speed = BEYOND_RAD_S if slow else SPEED_RAD_S
     nearest = max(SMALLEST_DISTANCE_M, where.distance - FURTHER_M)
     return replace(
         limits,
         q_lower=tuple(low.tolist()),
         q_upper=tuple(high.tolist()),
-        ee_lower=tuple(ee_low.tolist()),
-        ee_upper=tuple(ee_high.tolist()),
         dq_max=tuple(np.minimum(limits.dq_max, speed).tolist()),
         ee_speed_max=min(limits.ee_speed_max, SPEED_M_S),
         tau_ext_max=tuple((TORQUE_SHARE * np.asarray(limits.tau_ext_max)).tolist()),

@@ -31,7 +31,7 @@ from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification, like
-from rtstack.trials.start_motion import StartMotion, Unled, object_before
+from rtstack.trials.start_motion import MeasuredPoints, StartMotion, object_before
 from rtstack.trials.tightening import limits_of_arms
 
 HELD_N = 5.0  # on both pads, away from each other: the impact detector's force_high
@@ -124,7 +124,7 @@ class PreparedGuide(PreparedRun[GuideResult]):
             )
         sides = description.sides
         before = beyond(limits, where, sides)
-        hand, parameters = Unled(self.specification.seconds, len(sides)), cell_parameters(description)
+        hand, parameters = MeasuredPoints(self.specification.seconds, len(sides)), cell_parameters(description)
         control = parameters.control
         plan = SessionPlan.from_source(hand, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
 

@@ -37,7 +37,7 @@ from rtstack.trials.assembly import (
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext, RunEvent
-from rtstack.trials.start_motion import StartMotion, Unled, reaching
+from rtstack.trials.start_motion import MeasuredPoints, StartMotion, led_in
 from rtstack.trials.tightening import limits_of_arms, limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
 
@@ -253,11 +253,11 @@ class Run:
         description, log = self._description, self._log
         limits, parameters = limits_of_cell(limits_of_arms(description), cell), cell_parameters(description)
         now = np.stack([arm.read().q.copy() for arm in cell.arms])
-        limits = reaching(limits, arm_controllers(description, parameters), now)
+        limits = led_in(limits, description, now)
         request = ControllerRequest(description, parameters, arm_controllers(description, parameters, limits), 0.0)
         laws, lasts_s = way.laws(request.arms, parameters.friction, now)
-        unled, period_s = Unled(lasts_s, len(laws)), parameters.control.period_s
-        plan = SessionPlan.from_source(unled, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
+        measured, period_s = MeasuredPoints(lasts_s, len(laws)), parameters.control.period_s
+        plan = SessionPlan.from_source(measured, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
         history = History(round(lasts_s / period_s) + SPARE_TICKS, False, description.sides)
         kept = Publisher([], history, sides=cell.sides)  # live views would take it for the run
         self._began_ns = 0 if cell.waits else cell.arms[0].read().t_ns
@@ -267,7 +267,7 @@ class Run:
             cell, request.pair(request.modes(Strategy.PROPOSED), laws), safety_judges(description, limits), kept, plan,
             self._context.stop,
             None if log is None else lambda index: log.wait_for_room() if index % ROOM_TICKS == 0 else None,
-            description.torque_filter.cutoff_hz, (*self._watchdogs, unled),
+            description.torque_filter.cutoff_hz, (*self._watchdogs, measured),
         )  # fmt: skip
         outcome, columns = session.run(), history.columns()
         samples = _npz(arm=columns.arm, control=columns.control, timing=columns.timing)
@@ -288,8 +288,7 @@ class Run:
         found = Evidence({}, ())
         if outcome.fault is not None:
             found = evidence_of(outcome.fault, columns, self._parameters.solver)
-        before = self._log.evidence
-        kept = () if before is None else before.attachments
+        kept = () if self._log.evidence is None else self._log.evidence.attachments
         self._log.evidence = Evidence(found.fault, (*kept, *found.attachments, *more))
 
     def _between_ticks(self, index: int) -> None:

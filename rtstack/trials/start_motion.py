@@ -6,7 +6,7 @@ links of the table and of the other arm. The arms follow the way under torque, w
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import atan2
 
 import numpy as np
@@ -27,6 +27,7 @@ from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription, StartMotionLimits
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.model.rotation import log_so3
+from rtstack.safety.guided import reaching, standing
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import arm_controllers, cell_parameters
@@ -66,7 +67,7 @@ SETTLE_S = 0.3  # the arms come to rest at the end of the way
 REACH_M = 0.01  # a straight way in the joints is none in space
 MOVED_RAD = 0.02  # further from where the way began an arm was moved after it had been looked at
 _EXACT = 1e-8  # m and rad
-# of s(x) = 10 x^3 - 15 x^4 + 6 x^5 over x = 0..1: the largest slope (at 1/2) and curvature (at 1/2 -+ sqrt(3)/6)
+# s(x) = 10 x^3 - 15 x^4 + 6 x^5 over x = 0..1 has its largest slope at 1/2, its largest curvature at 1/2 -+ sqrt(3)/6
 _STEEPEST, _MOST_CURVED = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 
 
@@ -108,10 +109,8 @@ class StartMotion:
     def laws(
         self, arms: Sequence[ArmController], friction: Sequence[FrictionParameters], now: Array
     ) -> tuple[list[JointLaw], float]:
-        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s.
-
-        Raises TrialError where the arms are not where the way began.
-        """
+        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s. Raises
+        TrialError where the arms are not where the way began."""
         if np.abs(now - self.path.start).max() > MOVED_RAD:
             raise TrialError("an arm was moved before its way to the start began: give the command again")
         path = JointPath.between(now, self.path.goal, self.limits)
@@ -128,7 +127,7 @@ class StartMotion:
         return f"to the start pose in {self.path.duration_s:.1f} s, at most {furthest:.2f} rad a joint"
 
 
-class Unled(Watchdog):
+class MeasuredPoints(Watchdog):
     """A point source whose points are where the arms are, and a watchdog that ends it after so many seconds."""
 
     def __init__(self, seconds: float | None, arms: int) -> None:
@@ -249,15 +248,9 @@ def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:
     return np.stack([centre - half, centre + half])
 
 
-def reaching(limits: PairLimits, arms: Sequence[ArmController], q: Array) -> PairLimits:
-    """Return the judge's limits on a way that begins at q (arms, 7), rad: the box reaches to where a pad begins, as
-    arms do that stand in the vendor's pose."""
-    wider = []
-    for own, arm, now in zip(limits, arms, q, strict=True):
-        face = arm.observed_at(now)["position"]
-        low, high = np.minimum(own.ee_lower, face - REACH_M), np.maximum(own.ee_upper, face + REACH_M)
-        wider.append(replace(own, ee_lower=tuple(low.tolist()), ee_upper=tuple(high.tolist())))
-    return tuple(wider)
+def led_in(limits: PairLimits, description: CellDescription, q: Array) -> PairLimits:
+    """Return the judge's limits on a way that begins at q (arms, 7), rad: the vendor's is outside of most boxes."""
+    return reaching(limits, standing(q, description.bases, description.tools, limits), REACH_M)
 
 
 def _look_along(
@@ -279,7 +272,7 @@ def _look_along(
     half = np.array(table.size_xy) / 2.0
     board = np.array([[*(np.array(table.centre_xy) - half), -1.0], [*(np.array(table.centre_xy) + half), table.top_z]])
     floor = np.array([[-9.0, -9.0, -1.0], [9.0, 9.0, 0.0]])
-    clearance, limits = Clearance(description), reaching(limits_of_arms(description), arms, path.start)
+    clearance, limits = Clearance(description), led_in(limits_of_arms(description), description, path.start)
     for t_s in np.linspace(0.0, path.duration_s, LOOKS):
         q = path.at(float(t_s))
         boxes = [_pad_box(arm, own, pad.size) for arm, own, pad in zip(arms, q, description.pads, strict=True)]

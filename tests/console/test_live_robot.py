@@ -346,6 +346,8 @@ def test_real_arms_move_while_a_clutch_is_held_whatever_runs(tmp_path, monkeypat
         job = robot.finished()
         assert (job.success, End.in_reason(job.reason)) == (False, End.RELEASED)
         assert read_log(robot.logs / job.log).complete
+        robot.order(RunRequest(MoveSpecification("open"), "anna", watched=True))  # by a campaign
+        assert robot.finished().success
     finally:
         robot.close()
 

@@ -27,6 +27,7 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.start_motion import JointPath, start_motion
+from tests.support.runs import StopAfter
 from tests.support.start import QUICK, go, where
 
 
@@ -68,18 +69,6 @@ def arms(pair: FciPair) -> Cell:
     return Cell("lockstep", pair.left, pair.right, NoTracker(), pair)
 
 
-class StopsAfter:
-    """Asks for a stop after so many ticks."""
-
-    def __init__(self, ticks: int) -> None:
-        self._left = ticks
-
-    @property
-    def stop_requested(self) -> bool:
-        self._left -= 1
-        return self._left < 0
-
-
 def test_both_arms_get_there_and_can_be_torque_controlled_from_there(arms: Cell, cell):
     goal = where(arms)
     goal[0, 1] -= 0.15
@@ -100,7 +89,7 @@ def test_a_stop_ends_the_motion_on_its_way_without_a_reflex(arms: Cell, cell):
     begin = where(arms)
     goal = begin.copy()
     goal[:, 6] += 0.4
-    said = go(arms, cell, goal, RunContext(stop=StopsAfter(400)))
+    said = go(arms, cell, goal, RunContext(stop=StopAfter(400)))
     assert said == "stop requested by the operator: on the way to the start pose"
     gone = (where(arms) - begin)[:, 6]
     assert np.all((gone > 0.02) & (gone < 0.38))

@@ -28,7 +28,7 @@ from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT
-from rtstack.trials.start_motion import JointPath, StartMotion, Unled, WayRefused, _look_along
+from rtstack.trials.start_motion import JointPath, MeasuredPoints, StartMotion, WayRefused, _look_along
 from rtstack.trials.tightening import limits_of_arms
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.plant_parameters import OWN_FILES
@@ -84,7 +84,7 @@ def drawn(
 def followed(description: CellDescription, way: StartMotion, cell: Cell) -> str:
     """Follow a way; return how that ended, "" where the arms have arrived."""
     parameters = cell_parameters(description)
-    control, end = parameters.control, Unled(0.002, len(cell.arms))
+    control, end = parameters.control, MeasuredPoints(0.002, len(cell.arms))
     plan = SessionPlan.from_source(end, control.stiffness, control.period_s, ForcePhase.APPROACH)
     with Run(description, parameters, plan, limits_of_arms(description), NO_CONTEXT, way) as run:
         outcome = run._go_to_start(cell, way, Publisher([], None, sides=cell.sides))

@@ -10,7 +10,7 @@ from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.motion import run_motion
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.start_motion import JointPath, StartMotion, Unled
+from rtstack.trials.start_motion import JointPath, MeasuredPoints, StartMotion
 
 QUICK = StartMotionLimits(1.0, 5.0)
 
@@ -26,7 +26,7 @@ def go(
 ) -> str | None:  # fmt: skip
     """Move the arms to goal (arms, 7) rad; return why they did not get there, None where they did."""
     parameters = cell_parameters(description)
-    control, end = parameters.control, Unled(0.002, len(goal))
+    control, end = parameters.control, MeasuredPoints(0.002, len(goal))
     plan = SessionPlan.from_source(end, control.stiffness, control.period_s, ForcePhase.APPROACH)
     way = StartMotion(JointPath.between(where(cell), goal, limit), limit)
     return run_motion(plan, description, parameters, cell, context.with_watchdog(end), way=way)[0]
