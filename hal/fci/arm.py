@@ -85,7 +85,7 @@ class FciArm:
 
     def _configure(self) -> None:
         with vendor_errors(self.called), _own_schedule():
-            configure(self._open_robot(), *self._setup)
+            configure(self._open_robot(), *self._setup, self.called)
 
     def set_collisions(self, collisions: CollisionBehaviour) -> None:
         """Tell the thresholds of the next motion, where they are others; an arm in reflex is told by its recovery.

@@ -11,6 +11,9 @@ from hal.limits import CollisionBehaviour
 from hal.pad import Pad
 
 _EXACT = 1e-6  # m: closer than this a frame of the robot (float32 on the wire) is the one that was asked for
+# what a robot reports of a setting: float32, and F_T_EE is its product of two transforms
+_SAME = 1e-5
+_LOOKS = 50  # states, 50 ms, until a setting shows: they are sent beside the answer to a request
 # what the box holds an arm with before and after torque control, Nm/rad: libfranka's setDefaultBehavior
 # (examples_common.cpp). Who used the robot last may have left another one
 _JOINT_IMPEDANCE = [3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0]
@@ -25,11 +28,19 @@ def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None
     )
 
 
-def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehaviour) -> None:
-    """Tell an idle robot its thresholds and, unless it is None, its tool. Raises HardwareError, and pylibfranka's.
+def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehaviour, called: str) -> None:
+    """Set an idle robot's thresholds and, unless it is None, its tool, and read the tool back.
 
     The tool's outer face becomes the end effector, and the stiffness frame K. The robot may know the tool already (as
-    the end effector set in Desk), or nothing of it: then it is a load.
+    the end effector set in Desk), or nothing of it: then it is a load. What an earlier client has set must not remain:
+    frames, masses and the load's centre are compared with the state. Collision thresholds and joint impedance are not
+    in RobotState and cannot be read back; they are set at each connection.
+
+    Args:
+        called: how a message names the arm.
+
+    Raises:
+        HardwareError: Desk has another tool, or the robot does not report what was set. And what pylibfranka raises.
     """
     tell_collisions(robot, collisions)
     robot.set_joint_impedance(_JOINT_IMPEDANCE)
@@ -39,23 +50,50 @@ def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehavi
     told = abs(state.m_ee - tool.mass) < _MASS_TOLERANCE_KG
     if not told and state.m_ee >= _MASS_TOLERANCE_KG:
         raise HardwareError(
-            f"Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
+            f"{called}: Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
             "set the tool in Desk, or no end effector"
         )
     if told and tool.mass * np.linalg.norm(np.array(state.F_x_Cee) - tool.F_x_centre) > _MOMENT_TOLERANCE_KGM:
         raise HardwareError(
-            f"Desk has the end effector's centre of mass at {_mm(state.F_x_Cee)} mm of the flange, the tool's is at "
-            f"{_mm(tool.F_x_centre)} mm: set the tool in Desk as the cell's file has it"
+            f"{called}: Desk has the end effector's centre of mass at {_mm(state.F_x_Cee)} mm of the flange, the "
+            f"tool's is at {_mm(tool.F_x_centre)} mm: set the tool in Desk as the cell's file has it"
         )
     NE_T_EE = np.linalg.inv(np.reshape(state.F_T_NE, (4, 4)).T) @ tool.F_T_face
     if np.abs(NE_T_EE - np.eye(4)).max() < _EXACT:
         NE_T_EE = np.eye(4)
     robot.set_EE(_wire(NE_T_EE))
     robot.set_K(_wire(np.eye(4)))
+    wanted: dict[str, Sequence[float] | float] = {
+        "m_ee": state.m_ee, "F_T_EE": _wire(tool.F_T_face), "EE_T_K": _wire(np.eye(4)), "m_load": 0.0,
+    }  # fmt: skip
     if told:
         robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
     else:
+        wanted |= {"m_load": tool.mass, "F_x_Cload": tool.F_x_centre.tolist()}
         robot.set_load(tool.mass, tool.F_x_centre.tolist(), tool.I_centre.T.ravel().tolist())
+    _read_back(robot, wanted, called)
+
+
+def _read_back(robot: franka.Robot, wanted: dict[str, Sequence[float] | float], called: str) -> None:
+    """Raise HardwareError unless a robot's states come to report these fields."""
+    differs = ""
+    for _ in range(_LOOKS):
+        state = robot.read_once()
+        for name, value in wanted.items():
+            reported = getattr(state, name)
+            if not np.allclose(reported, value, rtol=0.0, atol=_SAME):  # a NaN differs
+                differs = f"{name} as {_short(reported)}, not as the {_short(value)} that was set"
+                break
+        else:
+            return
+    raise HardwareError(
+        f"{called} reports {differs}: what an earlier client has set may still hold; restart the control box, then "
+        "connect again"
+    )
+
+
+def _short(value: Sequence[float] | float) -> str:
+    return np.array2string(np.asarray(value), precision=4, suppress_small=True, max_line_width=1000)
 
 
 def _mm(place: Sequence[float] | Array) -> str:

@@ -6,7 +6,8 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from hal.pad import Pad
 from hal.state import ARM_STATE, RobotMode
 from rtstack.cells.simulator import Simulator
 from sim_robot.cell import simulated_cell
-from tests.support.fci.server import serve
+from tests.support.fci.server import addresses, serve
 
 PAD = Pad((0.1, 0.1, 0.03), 0.35, 0.03)
 STEP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
@@ -201,6 +202,41 @@ def test_an_end_effector_elsewhere_moves_the_pose(simulator: Simulator):
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1]]), abs=1e-6
     )
     further.close()
+
+
+@contextmanager
+def deaf(setting: str, answer: str) -> Iterator[str]:
+    """Serve a robot that accepts a setting and keeps another one; yields the left arm's address."""
+    left, right = addresses()
+    program = (
+        "import sys; from sim_robot.fci.settings import Settings; from rtstack.cli.app import app\n"
+        f"Settings.{setting} = {answer}\n"
+        "app(['sim', '--lockstep', '--tracker', '', '--cpu', '-1', '--left', sys.argv[1], '--right', sys.argv[2]])"
+    )
+    command = [sys.executable, "-c", program, left, right]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert any(line.startswith("serving") for line in process.stdout or ())
+            yield left
+        finally:
+            process.terminate()
+
+
+FACE = Pad((0.1, 0.1, 0.03), 0.35, 0.05)  # elsewhere than the box has it: NE_T_EE is set
+
+
+@pytest.mark.parametrize(
+    ("setting", "answer", "said"),
+    [
+        ("set_frame", "lambda self, name, values: None", r"F_T_EE as .*0\.03.* not as the .*0\.05"),
+        ("set_load", "lambda self, values: self.record.__setitem__('m_load', 1.5)", r"m_load as 1.5, not as the 0\. "),
+    ],
+)
+def test_a_robot_that_keeps_what_its_last_client_set_is_refused(setting: str, answer: str, said: str):
+    with deaf(setting, answer) as address:
+        with pytest.raises(HardwareError, match=rf"{address} reports {said}.*restart the control box") as refused:
+            FciArm(address, FACE)
+        assert "\n" not in str(refused.value)
 
 
 def test_a_simulator_does_not_outlive_who_started_it():
