@@ -34,12 +34,18 @@ class CollisionBehaviour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnLimits:
-    """What a connected robot says of its joints itself: (7,) rad, rad/s, Nm."""
+    """Limits that a connected robot reports of its own joints: (7,), rad, rad/s, Nm.
+
+    velocity_offset, rad/s, and deceleration, rad/s^2: of its velocity limit near a position limit (ArmLimits), None
+    where it reports none.
+    """
 
     q_lower: Array
     q_upper: Array
     dq_max: Array
     tau_max: Array
+    velocity_offset: Array | None = None
+    deceleration: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ import xml.etree.ElementTree as xml
 
 import numpy as np
 
+from hal.base.arrays import Array
 from hal.errors import ConnectionLost, HardwareError
 from hal.limits import DOF, OwnLimits
 from hal.wire import CONNECT, HEADER, PORT, VERSION
@@ -49,16 +50,36 @@ def _receive(arm: socket.socket, size: int) -> bytes:
     return data
 
 
+def _columns(joints: list[xml.Element], element: str, *attributes: str) -> Array:
+    """Return the attributes (n, joints) of an element that each joint has, (0, 0) where none has it. Raises KeyError,
+    ValueError."""
+    found = [joint.find(element) for joint in joints]
+    there = [each for each in found if each is not None]
+    if there and len(there) < len(found):
+        raise ValueError(f"only {len(there)} of {len(found)} joints have <{element}>")
+    columns = [[float(each.attrib[name]) for each in there] for name in attributes]
+    return np.array(columns if there else np.empty((0, 0)))
+
+
 def limits_in(urdf: str, arm: str) -> OwnLimits:
-    """Return the limits of the first seven joints that have any. Raises HardwareError with one line."""
+    """Return the limits of the first seven joints that have any. Raises HardwareError with one line.
+
+    A velocity limit near the position limits is libfranka's element `<position_based_velocity_limits>`. Without such a
+    limit of its own a robot reports -dq_max and 0 (ArmLimits.enforced_velocity_law), or leaves the elements out.
+    """
     try:
-        limits = [limit for joint in xml.fromstring(urdf).iter("joint") if (limit := joint.find("limit")) is not None]
-        columns = [
-            np.array([float(limit.attrib[name]) for limit in limits[:DOF]])
-            for name in ("lower", "upper", "velocity", "effort")
-        ]
+        joints = [joint for joint in xml.fromstring(urdf).iter("joint") if joint.find("limit") is not None][:DOF]
+        columns = _columns(joints, "limit", "lower", "upper", "velocity", "effort")
+        laws = _columns(joints, "position_based_velocity_limits", "velocity_offset", "deceleration_limit")
     except (xml.ParseError, KeyError, ValueError) as error:
         raise HardwareError(f"the model that {arm} tells cannot be read: {error}") from None
-    if len(limits) < DOF or not np.isfinite(columns).all():
+    if len(columns) < 4 or columns.shape[1] < DOF or not np.isfinite(columns).all():
         raise HardwareError(f"the model that {arm} tells has no limits of {DOF} joints")
-    return OwnLimits(*columns)
+    if not len(laws) or np.all((laws[0] == -columns[2]) & (laws[1] == 0.0)):
+        return OwnLimits(*columns)
+    if not np.all((laws[0] >= 0.0) & (laws[0] < columns[2]) & (laws[1] > 0.0) & np.isfinite(laws[1])):
+        raise HardwareError(
+            f"the model that {arm} tells has position_based_velocity_limits that cannot be: velocity_offset "
+            f"{laws[0].tolist()} rad/s, deceleration_limit {laws[1].tolist()} rad/s^2"
+        )
+    return OwnLimits(*columns, *laws)

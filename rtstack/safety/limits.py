@@ -82,7 +82,8 @@ class SafetyLimits:
     approach in their name bound the same in these phases (ForcePhase), where they are smaller. power_max bounds the sum
     of |tau_J dq|'s balance, state_gap_max_s the robot's time between two states that differ, pair_skew_max_s the time
     for which one arm is answered without a new state of the other.
-    arm: the model's own, for what cannot be tightened: braking and the velocity limit near a position limit.
+    arm: the model's own, for braking and the velocity limit near a position limit, which only a robot's own limits
+    tighten (within_own).
     """
 
     q_lower: Seven
@@ -254,7 +255,12 @@ def within_own(limits: SafetyLimits, own: OwnLimits) -> tuple[SafetyLimits, tupl
     """
     described = limits.arm
     differs = []
-    for name, unit in (("q_lower", "rad"), ("q_upper", "rad"), ("dq_max", "rad/s"), ("tau_max", "Nm")):
+    for name, unit in (
+        ("q_lower", "rad"), ("q_upper", "rad"), ("dq_max", "rad/s"), ("tau_max", "Nm"),
+        ("velocity_offset", "rad/s"), ("deceleration", "rad/s^2"),
+    ):  # fmt: skip
+        if getattr(own, name) is None:
+            continue
         for joint, (mine, its) in enumerate(zip(getattr(described, name), getattr(own, name), strict=True), 1):
             if abs(mine - its) > SAME:
                 differs.append(f"{name} of joint {joint} is {its:g} {unit}, described as {mine:g}")
@@ -262,6 +268,12 @@ def within_own(limits: SafetyLimits, own: OwnLimits) -> tuple[SafetyLimits, tupl
         return limits, ()
 
     tau_max = np.minimum(limits.tau_max, own.tau_max)
+    if own.velocity_offset is not None and own.deceleration is not None:
+        described = replace(
+            described,
+            velocity_offset=np.maximum(described.velocity_offset, own.velocity_offset),
+            deceleration=np.minimum(described.deceleration, own.deceleration),
+        )
     inside = replace(
         limits,
         q_lower=seven(np.maximum(limits.q_lower, own.q_lower + POSITION_MARGIN_RAD)),
@@ -269,6 +281,7 @@ def within_own(limits: SafetyLimits, own: OwnLimits) -> tuple[SafetyLimits, tupl
         dq_max=seven(np.minimum(limits.dq_max, VELOCITY_FRACTION * own.dq_max)),
         tau_max=seven(tau_max),
         tau_J_max=seven(np.minimum(limits.tau_J_max, own.tau_max)),
+        arm=described,
     )
     return inside, tuple(differs)
 

@@ -12,16 +12,18 @@ from hal.limits import OwnLimits
 from hal.robots import FER, FR3
 from rtstack.cells import open_cell
 from rtstack.cells.simulator import Simulator
-from rtstack.safety.limits import HARDWARE, within_own
+from rtstack.safety.limits import HARDWARE, control_limits, within_own
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import check_models, difference_of_limits, limits_of_arms, limits_of_cell
 from sim_robot.cell import simulated_cell
 from sim_robot.scene import NO_OBJECT
 
+NAMES = ("q_lower", "q_upper", "dq_max", "tau_max", "velocity_offset", "deceleration")
+
 
 def own(**changes: tuple[int, float]) -> OwnLimits:
     """The model's own limits, with changes: name = (joint 1 to 7, by how much)."""
-    values = {name: getattr(FR3.limits, name).copy() for name in ("q_lower", "q_upper", "dq_max", "tau_max")}
+    values = {name: getattr(FR3.limits, name).copy() for name in NAMES}
     for name, (joint, by) in changes.items():
         values[name][joint - 1] += by
     return OwnLimits(**values)
@@ -52,6 +54,35 @@ def test_the_tighter_one_holds_and_what_differs_is_said(cell, name, by, holds):
     assert "\n" not in line
 
 
+@pytest.mark.parametrize(
+    ("name", "by", "holds"),
+    [("velocity_offset", 0.1, True), ("velocity_offset", -0.1, False), ("deceleration", -1.0, True),
+     ("deceleration", 1.0, False)],
+)  # fmt: skip
+def test_the_tighter_velocity_limit_near_a_position_limit_holds(cell, name, by, holds):
+    its = own(**{name: (3, by)})
+    limits, said = within_own(HARDWARE, its)
+    unit = "rad/s" if name == "velocity_offset" else "rad/s^2"
+    mine = getattr(FR3.limits, name)[2]
+    assert said == (f"{name} of joint 3 is {mine + by:g} {unit}, described as {mine:g}",)
+    assert said[0] in difference_of_limits(cell, (own(), its))
+    np.testing.assert_allclose(getattr(limits.arm, name), getattr(its if holds else FR3.limits, name))
+    near = np.array(HARDWARE.q_upper) - 0.2  # where the limit falls
+    slower = limits.dq_upper(near) < HARDWARE.dq_upper(near)  # the judge's
+    assert slower.tolist() == [False, False, holds, False, False, False, False]
+    assert control_limits(limits)[name][0, 2] - control_limits(HARDWARE)[name][0, 2] == pytest.approx(by * holds)
+
+
+def test_a_robot_that_reports_no_velocity_limit_near_a_position_limit_keeps_the_models():
+    bare = OwnLimits(*(getattr(FR3.limits, name) for name in NAMES[:4]))
+    assert within_own(HARDWARE, bare) == (HARDWARE, ())
+    law = r"<position_based_velocity_limits [^>]*>"
+    for urdf in (re.sub(law, "", FR3.urdf), FER.urdf):
+        limits = limits_in(urdf, "it")
+        assert limits.velocity_offset is None
+        assert limits.deceleration is None
+
+
 def test_the_limits_of_a_run_are_inside_the_robots(cell):
     arms = replace(simulated_cell(NO_OBJECT, 0.0, 0).as_cell("direct"), own_limits=(own(), own(q_upper=(4, -0.3))))
     left, right = limits_of_cell(limits_of_arms(cell), arms)
@@ -63,7 +94,7 @@ def test_an_arm_of_another_model_is_refused(cell):
     check_models(cell, (own(), own(q_lower=(3, 0.01))))
     check_models(cell, (own(), own(q_upper=(4, -0.05))))  # nearer to no other model
     check_models(cell, None)
-    panda = OwnLimits(*(getattr(FER.limits, name) for name in ("q_lower", "q_upper", "dq_max", "tau_max")))
+    panda = OwnLimits(*(getattr(FER.limits, name) for name in NAMES[:4]))
     with pytest.raises(TrialError, match=r"the right arm has .* of .*Panda.*model 'fr3'.*\[right\] model"):
         check_models(cell, (own(), panda))
     described = replace(cell, left=replace(cell.left, model="fer"))
@@ -83,7 +114,8 @@ def test_a_robot_is_asked_when_it_is_connected_to(cell, robot):
     robot.tracker.close()
     described = replace(cell, tracker=replace(cell.tracker, address=f"{host}:{port}"))
     urdf = ask_for_urdf(robot.left)
-    np.testing.assert_allclose(limits_in(urdf, "it").q_upper, FR3.limits.q_upper, atol=1e-9)
+    for name in NAMES:
+        np.testing.assert_allclose(getattr(limits_in(urdf, "it"), name), getattr(FR3.limits, name), atol=1e-9)
     arms = open_cell(f"fci:{robot.left},{robot.right}", "rice_box", 0.0, 0, described)
     try:
         assert arms.warning == ""
@@ -96,7 +128,15 @@ def test_a_robot_is_asked_when_it_is_connected_to(cell, robot):
 
 def test_nonsense_is_one_line():
     urdf = FR3.urdf
-    for bad in ("<robot", "<robot/>", re.sub('upper="', 'upper="x', urdf), urdf.replace("velocity=", "speed=")):
+    law = re.compile(r"<position_based_velocity_limits [^>]*>")
+    worse = [re.sub('velocity_offset="[^"]*"', f'velocity_offset="{value}"', urdf) for value in ("nan", "-0.3", "9.0")]
+    worse += [
+        re.sub('deceleration_limit="[^"]*"', f'deceleration_limit="{x}"', urdf) for x in ("nan", "-1", "0", "inf")
+    ]
+    for bad in (
+        "<robot", "<robot/>", re.sub('upper="', 'upper="x', urdf), urdf.replace("velocity=", "speed="),
+        law.sub("", urdf, count=1), urdf.replace("deceleration_limit", "deceleration"), *worse,
+    ):  # fmt: skip
         with pytest.raises(HardwareError, match="the model that it tells") as refused:
             limits_in(bad, "it")
         assert "\n" not in str(refused.value)
