@@ -16,7 +16,7 @@ from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.conditions import Conditions, Reference
 from rtstack.papers.simulated_cell import BuiltCell, conditioned_cell
-from rtstack.references.demonstration import Grab, grab
+from rtstack.references.demonstration import grab
 from rtstack.safety.limits import HARDWARE
 from rtstack.samples import LawInertia
 from rtstack.trials.assembly import cell_parameters
@@ -114,8 +114,12 @@ def _demonstration(
     specification = DemonstrationSpecification(
         reference.object, reference.variation, seed, conditions.speed_m_s, law_inertia=conditions.law_inertia
     )
-    script = hand_script(bench, reference, conditions)
-    if script is not None:
+    if conditions.hand is not None:
+        thing = bench.description.objects[reference.object]
+        script = conditions.hand.script(
+            grab(reference.variation, conditions.speed_m_s), thing.mass, thing.pad_friction or conditions.pad_friction,
+            float(cell_parameters(bench.description).control.stiffness_teleoperation[1]),
+        )  # fmt: skip
         specification = replace(specification, squeeze_m=script.squeeze, squeeze_s=script.squeeze_s)
     return prepare_demonstration(specification, description)
 
@@ -128,19 +132,6 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
         log = bench.log(path, prepared.specification, law, kind)
         built = bench.built_cell(reference.object, Displacement(), seed, conditions)
         return carry_out(prepared, built.host(bench.cell, log)).failure_reason
-
-
-def hand_script(bench: Bench, reference: Reference, conditions: Conditions) -> Grab | None:
-    """Return the demonstration with the hand of the conditions; None where they have none."""
-    if conditions.hand is None:
-        return None
-    thing = bench.description.objects[reference.object]
-    return conditions.hand.script(
-        grab(reference.variation, conditions.speed_m_s),
-        thing.mass,
-        thing.pad_friction or conditions.pad_friction,
-        float(cell_parameters(bench.description).control.stiffness_teleoperation[1]),
-    )
 
 
 def recording_stages(

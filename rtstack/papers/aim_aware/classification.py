@@ -43,15 +43,16 @@ class Impact(Generic[P]):
 
     def trace(self, parameters: MonitorParameters) -> NDArray[np.void]:
         """Return the monitor's state after each tick."""
-        monitor = Monitor(parameters)
-        monitor.expect(self.t_d_ns, self.plan.q_d)
-        return monitor.follow(*self._signals())
+        return self._monitor(parameters).follow(*self._signals())
 
     def assess(self, parameters: MonitorParameters) -> Assessment:
         """Return what the monitor makes of it."""
+        return self._monitor(parameters).assess(*self._signals())
+
+    def _monitor(self, parameters: MonitorParameters) -> Monitor:
         monitor = Monitor(parameters)
         monitor.expect(self.t_d_ns, self.plan.q_d)
-        return monitor.assess(*self._signals())
+        return monitor
 
     def _signals(self) -> tuple[NDArray, ...]:
         signals = (np.ascontiguousarray(self.ticks[name]) for name in ("t_ns", "residual", "q", "dq"))
@@ -65,9 +66,6 @@ def plan_case(study: Study, approach_deg: float, location_m: float) -> Plan:
 
 def simulate_case(study: Study, plan: Plan, case: Case, residual_rate_nm_s: float) -> Impact[Plan]:
     """Simulate a case."""
-    inclination = np.radians(case.inclination_deg)
-    rates = (residual_rate_nm_s,) * 3
-    return Impact(
-        case, plan,
-        simulate(study.arm, study.contact, study.task, study.gains, rates, plan, case.location_m, inclination),
-    )  # fmt: skip
+    inclination, rates = np.radians(case.inclination_deg), (residual_rate_nm_s,) * 3
+    ticks = simulate(study.arm, study.contact, study.task, study.gains, rates, plan, case.location_m, inclination)
+    return Impact(case, plan, ticks)

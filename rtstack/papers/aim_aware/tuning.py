@@ -69,11 +69,7 @@ def separate(
     if not (np.isfinite(separation) and (separation > 1.0 or overlapping)):
         return None
     scale = max(1.0, float(np.sqrt(separation)))
-    return Found(
-        configuration_rad=round(scale * configuration, 4),
-        velocity_rad_s=round(scale * velocity, 4),
-        separation=round(float(separation), 4),
-    )
+    return Found(round(scale * configuration, 4), round(scale * velocity, 4), round(float(separation), 4))
 
 
 def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:

@@ -66,7 +66,8 @@ def _lower(first: ReflectedInertia, second: ReflectedInertia) -> Judge:
     def judge(under: Sequence[Table], at: object) -> Finding:
         table = _of(under, at)
         difference = table.less((SINGLE, first), (SINGLE, second))
-        ours = f"{_each(table)}. {NAMES[first]} less {NAMES[second]}: {_percent(difference)}; converged map: "
+        ours = "; ".join(f"{NAMES[kind]} {_percent(table.absolute((SINGLE, kind)))}" for kind in NAMES)
+        ours += f". {NAMES[first]} less {NAMES[second]}: {_percent(difference)}; converged map: "
         ours += _percent(table.less((CONVERGED, first), (CONVERGED, second)))
         return Finding(ours, at_most(difference, 0.0), _apart(table, first, second))
 
@@ -78,10 +79,6 @@ def _apart(table: Table, first: ReflectedInertia, second: ReflectedInertia) -> s
     if not apart:
         return ""
     return f"The two predictions are {np.mean(apart):.2f} % apart on average, {max(apart):.2f} % at most."
-
-
-def _each(table: Table) -> str:
-    return "; ".join(f"{NAMES[kind]} {_percent(table.absolute((SINGLE, kind)))}" for kind in NAMES)
 
 
 def _bias(kind: ReflectedInertia, above: bool) -> Judge:
@@ -168,18 +165,10 @@ def _converged_is_nearer(under: Sequence[Table], at: object) -> Finding:
 
 
 JUDGES: dict[str, Judge] = {
-    "small_error": _small,
-    "better_than_B": _lower(B_THETA, B),
-    "better_than_none": _lower(B_THETA, NONE),
-    "none_as_good": _lower(NONE, B_THETA),
-    "overestimates": _bias(B_THETA, above=True),
-    "none_underestimates": _bias(NONE, above=False),
-    "B_overestimates": _bias(B, above=True),
-    "B_over_in_every_line": _over_in_every_line,
-    "straight": _straight,
-    "configuration": _configuration,
-    "best_and_worst": _best_and_worst,
-    "swings_more": _swings_more,
-    "drops": _drops,
+    "small_error": _small, "straight": _straight, "drops": _drops, "configuration": _configuration,
+    "better_than_B": _lower(B_THETA, B), "better_than_none": _lower(B_THETA, NONE),
+    "none_as_good": _lower(NONE, B_THETA), "overestimates": _bias(B_THETA, above=True),
+    "none_underestimates": _bias(NONE, above=False), "B_overestimates": _bias(B, above=True),
+    "B_over_in_every_line": _over_in_every_line, "best_and_worst": _best_and_worst, "swings_more": _swings_more,
     "converged_is_nearer": _converged_is_nearer,
-}
+}  # fmt: skip

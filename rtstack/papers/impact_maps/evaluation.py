@@ -80,7 +80,6 @@ def _fieller(
     return middle + (-b - half) / a, middle + (-b + half) / a
 
 
-KINDS = tuple(ReflectedInertia)
 NAMES = {ReflectedInertia.B_THETA: "B_theta", ReflectedInertia.B: "B", ReflectedInertia.NONE: "B = 0"}
 TABLES = {Motion.HIT_AND_PUSH: "Table II", Motion.GRAB: "Table III"}
 # the last two lines of Tables II and III: average and absolute error, %
@@ -209,17 +208,14 @@ def _cell(thing: str, case: str, rows: list[Row]) -> Cell:
     for row in good:
         lowest.setdefault(row["robot"], []).append(row["lowest_m_s"])
     return Cell(
-        object=thing,
-        case=case,
+        thing, case,
         points=tuple((row["planned_m_s"], row["net_feedback_m_s"]) for row in good),
         swing=float(np.mean([row["swing_m_s"] for row in good])) if good else 0.0,
-        excluded=len(rows) - len(good),
-        fit=_fit(good, "net_feedback_m_s"),
-        fits=_fits(good, "net_feedback_m_s"),
-        over_swing=_fits(good, "net_over_swing_m_s"),
+        excluded=len(rows) - len(good), fit=_fit(good, "net_feedback_m_s"),
+        fits=_fits(good, "net_feedback_m_s"), over_swing=_fits(good, "net_over_swing_m_s"),
         drop={robot: 100.0 * (float(np.mean(values)) / nominal - 1.0) for robot, values in lowest.items()},
-        predicted={(which, kind): rows[0][f"{which}_{kind}_m_s"] for which in MapKind for kind in KINDS},
-    )
+        predicted={(which, kind): rows[0][f"{which}_{kind}_m_s"] for which in MapKind for kind in ReflectedInertia},
+    )  # fmt: skip
 
 
 def _fits(rows: list[Row], net: str) -> dict[int, ZeroFeedback]:

@@ -167,22 +167,18 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         """Return a task for each trial."""
         from rtstack.papers.impact_maps.worker import run
 
-        plan = self.specification
         for trial in cases:
-            gains, conditions = plan.scenario(trial.motion).gains, plan.conditions[trial.conditions]
-            yield Task(trial.id, run, (self._bench, trial, plan.reference(trial), gains, conditions), (trial,))
+            yield Task(trial.id, run, (self._bench, trial, self.specification.setting(trial)), (trial,))
 
     def on_cell(self, case: ValidationTrial) -> CellRun:
         from rtstack.papers.impact_maps.worker import on_arms
 
-        plan = self.specification
-        gains, conditions = plan.scenario(case.motion).gains, plan.conditions[case.conditions]
-        return on_arms(self._bench, case, plan.reference(case), gains, conditions)
+        return on_arms(self._bench, case, self.specification.setting(case))
 
     def row_of_log(self, case: ValidationTrial, log: "Log") -> Row:
         from rtstack.papers.impact_maps.worker import row_of_log
 
-        return row_of_log(self._bench, case, self.specification.reference(case), log, self.columns)
+        return row_of_log(self._bench, case, self.specification.setting(case), log, self.columns)
 
     def report(self, results: Results) -> Report:
         """See rtstack.papers.impact_maps.report."""

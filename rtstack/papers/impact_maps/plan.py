@@ -136,6 +136,15 @@ class PlannedReference:
 
 
 @dataclass(frozen=True, slots=True)
+class Setting:
+    """What a trial follows, and the gains and conditions under which it does."""
+
+    reference: PlannedReference
+    gains: Gains
+    conditions: ValidationConditions
+
+
+@dataclass(frozen=True, slots=True)
 class FreeRuns:
     """The runs of a robot along a part of a reference with nothing in the way, and what they say of it: (30)-(31)."""
 
@@ -227,6 +236,10 @@ class ValidationPlan:
             trial.robot, trial.motion, trial.object, trial.case_name, trial.scale, conditions.compensate_object, along,
             conditions.map,
         )  # fmt: skip
+
+    def setting(self, trial: ValidationTrial) -> Setting:
+        """Return what a trial needs beside itself."""
+        return Setting(self.reference(trial), self.scenario(trial.motion).gains, self.conditions[trial.conditions])
 
     def references(self) -> tuple[PlannedReference, ...]:
         """Return every reference that has to be planned."""

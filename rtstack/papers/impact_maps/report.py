@@ -16,7 +16,6 @@ from rtstack.experiments.experiment import Results, Row
 from rtstack.experiments.page import PAGE
 from rtstack.experiments.report import Figure, Report, Section, Table
 from rtstack.figures.style import STYLE, new_figure, save
-from rtstack.impact_map import ReflectedInertia
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.impact_maps.claims import judge_claims
@@ -69,18 +68,14 @@ def _table(table: Fitted, which: MapKind) -> Table:
         theirs = PAPER_LINES[table.motion].get(cell.object, ())
         number = int(cell.case) - 1 if cell.case.isdigit() else len(theirs)
         estimate, error = theirs[number] if number < len(theirs) else (None, None)
-        lines.append(
-            [
-                f"{cell.object.replace('_', ' ')}: case {cell.case}",
-                "-" if estimate is None else f"{estimate:.3f} m/s",
-                _estimate(cell),
-                percent(error),
-                *(percent(cell.error_percent(kind)) for kind in kinds),
-                "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
-                "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
-                f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
-            ]
-        )
+        lines.append([
+            f"{cell.object.replace('_', ' ')}: case {cell.case}",
+            "-" if estimate is None else f"{estimate:.3f} m/s", _estimate(cell), percent(error),
+            *(percent(cell.error_percent(kind)) for kind in kinds),
+            "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
+            "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
+            f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
+        ])  # fmt: skip
     bias = [shown(table.average(kind), " %", 2) for kind in kinds]
     absolute = [shown(table.absolute(kind), " %", 2) for kind in kinds]
     over_swing = [shown(table.absolute(kind, over_swing=True), " %", 2) for kind in kinds]
@@ -170,11 +165,7 @@ def _signals(
 # Okabe and Ito's colours, safe for colour-blind eyes
 COLOURS = ("#56B4E9", "#009E73", "#000000", "#E69F00", "#D55E00")
 WORDS = {MapKind.SINGLE_STEP: "single step", MapKind.CONVERGED: "converged"}
-INERTIA = {
-    ReflectedInertia.B_THETA: ("#0072B2", "-"),
-    ReflectedInertia.B: ("#D55E00", "--"),
-    ReflectedInertia.NONE: ("#009E73", ":"),
-}
+INERTIA = dict(zip(NAMES, (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", ":")), strict=True))
 
 
 @mpl.rc_context(STYLE)

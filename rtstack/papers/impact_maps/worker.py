@@ -24,7 +24,7 @@ from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
     Gains,
     JointFriction,
-    PlannedReference,
+    Setting,
     ValidationConditions,
     ValidationTrial,
 )
@@ -135,12 +135,10 @@ def parameters_of(
 
 
 @lru_cache(maxsize=64)
-def _prepared(
-    bench: ValidationBench, reference: PlannedReference, gains: Gains, conditions: ValidationConditions
-) -> tuple[PreparedTrial, Prediction]:
-    description = bench.description
+def _prepared(bench: ValidationBench, setting: Setting) -> tuple[PreparedTrial, Prediction]:
+    description, reference = bench.description, setting.reference
     path = bench.out / RECORDINGS / reference.file
-    parameters = parameters_of(bench, conditions, gains, description, reference.robot)
+    parameters = parameters_of(bench, setting.conditions, setting.gains, description, reference.robot)
     prepared = prepare_trial(TrialSpecification(str(path), object=reference.object), description, parameters)
     return prepared, read_prediction(path.with_suffix(".json"))
 
@@ -151,45 +149,33 @@ def _models(bench: ValidationBench) -> tuple[ArmController, ...]:
     return arm_controllers(description, cell_parameters(description))
 
 
-def run(
-    bench: ValidationBench,
-    trial: ValidationTrial,
-    reference: PlannedReference,
-    gains: Gains,
-    conditions: ValidationConditions,
-) -> list[Row]:
+def run(bench: ValidationBench, trial: ValidationTrial, setting: Setting) -> list[Row]:
     """Run a trial and write its log. Returns the row of the results' table."""
-    prepared, prediction = _prepared(bench, reference, gains, conditions)
-    specification = TrialSpecification(f"{RECORDINGS}/{reference.file}", object=trial.object, seed=trial.seed)
+    prepared, prediction = _prepared(bench, setting)
+    specification = TrialSpecification(f"{RECORDINGS}/{setting.reference.file}", object=trial.object, seed=trial.seed)
     prepared = replace(prepared, specification=specification)
     log = bench.log(
         bench.out / LOGS / f"{trial.id}.mcap", specification, prepared.parameters.inertia.law_inertia,
         reference=prepared.reference, campaign=campaign_record(trial, bench.digest),
     )  # fmt: skip
-    built = validation_cell(bench, trial.object, trial.seed, trial.robot, conditions)
+    built = validation_cell(bench, trial.object, trial.seed, trial.robot, setting.conditions)
     result, columns = bench.run(prepared, built, log)
     return [_row(bench, trial, prediction, result.as_dict(), columns)]
 
 
-def on_arms(
-    bench: ValidationBench,
-    trial: ValidationTrial,
-    reference: PlannedReference,
-    gains: Gains,
-    conditions: ValidationConditions,
-) -> CellRun:
+def on_arms(bench: ValidationBench, trial: ValidationTrial, setting: Setting) -> CellRun:
     """Return a trial as a run on a cell's arms, from the object's nominal place."""
-    prepared, _ = _prepared(bench, reference, gains, conditions)
+    prepared, _ = _prepared(bench, setting)
     prepared = replace(prepared, specification=replace(prepared.specification, seed=trial.seed))
     log = bench.out / LOGS / f"{trial.id}.mcap"
     return CellRun(prepared, log, record_of(trial), Displacement())
 
 
 def row_of_log(
-    bench: ValidationBench, trial: ValidationTrial, reference: PlannedReference, log: Log, columns: Mapping[str, Any]
+    bench: ValidationBench, trial: ValidationTrial, setting: Setting, log: Log, columns: Mapping[str, Any]
 ) -> Row:
     """Return the row of a trial from its log."""
-    prediction = read_prediction((bench.out / RECORDINGS / reference.file).with_suffix(".json"))
+    prediction = read_prediction((bench.out / RECORDINGS / setting.reference.file).with_suffix(".json"))
     return _row(bench, trial, prediction, recorded_result(log, columns), log_columns(log))
 
 

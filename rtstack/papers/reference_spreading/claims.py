@@ -39,12 +39,10 @@ def judge_claims(claims: Sequence[PlannedClaim], evaluation: Evaluation) -> list
     displacements = {row["displacement_mm"] for row in evaluation.rows}
     has = {row["experiment"] for row in evaluation.rows}
     known = [
-        claim
-        for claim in claims
+        claim for claim in claims
         if (claim.at in displacements or not isinstance(claim.at, float))
-        and ({TABLE2, FIGURE11} & has)
-        and (FIGURE11 in has or claim.judge != "repeatable")
-    ]
+        and ({TABLE2, FIGURE11} & has) and (FIGURE11 in has or claim.judge != "repeatable")
+    ]  # fmt: skip
     return judged(known, JUDGES, evaluation)
 
 
@@ -223,6 +221,10 @@ def _settling(evaluation: Evaluation, _at: object) -> Finding:
 
 _TO_NO_VELOCITY = [(c, NO_VELOCITY) for c in NAMES if c is not NO_VELOCITY]
 _BOTH = _against(PROPOSED, (NO_RS, NO_INTERIM))
+_NOT_LOST = (
+    "With no controller a pad is off for more than some ms: these pads vibrate on the object and slip, and do not "
+    "bounce off it. What is dropped has slipped through (time to the end of slip)."
+)
 JUDGES: dict[str, Judge] = {
     "lowest_force_norm": lambda evaluation, at: _force_at(evaluation, at, _against(PROPOSED)),
     "high_at_zero": lambda evaluation, at: _force_at(evaluation, at, _BOTH),
@@ -241,13 +243,7 @@ JUDGES: dict[str, Judge] = {
     "steps_reduced": _compared("largest_step", _against(PROPOSED), " N"),
     "swing": _compared("swing_m_s", _TO_NO_VELOCITY, " m/s", 3),
     "swing_other": _compared("swing_other_m_s", _TO_NO_VELOCITY, " m/s", 3),
-    "contact_lost": _compared(
-        "lost_ms",
-        _TO_NO_VELOCITY,
-        " ms",
-        why="With no controller a pad is off for more than some ms: these pads vibrate on the object and slip, and do "
-        "not bounce off it. What is dropped has slipped through (time to the end of slip).",
-    ),
+    "contact_lost": _compared("lost_ms", _TO_NO_VELOCITY, " ms", why=_NOT_LOST),
     "other_robot": _compared("largest_step_other", _BOTH, " N"),
     "posture": _compared("posture_peak", _BOTH, " rad/s^2"),
     "settling": _settling,

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from textwrap import shorten
@@ -71,26 +72,19 @@ def figure5(path: Path, recording: Recording, reference: ExtendedReference) -> N
     arm = hit_arm(0.0)
     sign, n = INWARD[arm], recording.points.shape[1]
     t_ms = 1e3 * (np.arange(n) * recording.period_s - recording.impact_s)
-    parts = (
-        ("position", 1, 1e3, "position, mm"),
-        ("twist", 1, 1.0, "velocity, m/s"),
-        ("wrench_ff", 1, 1.0, "desired force, N"),
-    )
+    parts = ("position", 1e3, "position, mm"), ("twist", 1.0, "velocity, m/s"), ("wrench_ff", 1.0, "desired force, N")
     exclusion_ms = 1e3 * ControlParameters().exclusion_s
     shown = (t_ms > -250.0) & (t_ms < 250.0)
-    for axis, (name, index, factor, label) in zip(axes[0], parts, strict=True):
+    for axis, (name, factor, label) in zip(axes[0], parts, strict=True):
         recorded, ante, post = (
-            sign * factor * p[arm][name][shown, index] for p in (recording.points, reference.ante, reference.post)
+            sign * factor * p[arm][name][shown, 1] for p in (recording.points, reference.ante, reference.post)
         )
         axis.axvspan(-exclusion_ms, exclusion_ms, color="#eeeeee", zorder=0)
         axis.axvline(0.0, color="#555555", linestyle="--", linewidth=0.9)
         axis.plot(t_ms[shown], recorded, color="#999999", label="recorded", linewidth=2.2)
-        axis.plot(
-            t_ms[shown], ante, color=MODE_STYLES[Mode.ANTE_IMPACT].colour, linestyle="--", label="ante-impact reference"
-        )
-        axis.plot(
-            t_ms[shown], post, color=MODE_STYLES[Mode.POST_IMPACT].colour, linestyle="--", label="post-impact reference"
-        )
+        for values, mode, word in ((ante, Mode.ANTE_IMPACT, "ante"), (post, Mode.POST_IMPACT, "post")):
+            text, colour = f"{word}-impact reference", MODE_STYLES[mode].colour
+            axis.plot(t_ms[shown], values, color=colour, linestyle="--", label=text)
         axis.set_xlabel("time from the impact $T_r$, ms")
         axis.set_title(label, loc="left", fontsize=9)
         axis.set_xlim(-250.0, 250.0)
@@ -132,19 +126,12 @@ def figure8(
         axes[1][column].set_xlabel("time from $T_r$, ms")
     axes[0][0].set_ylabel("velocity towards the object, m/s")
     axes[1][0].set_ylabel("desired force towards it, N")
+    line = partial(Line2D, [], [])
+    styles = [MODE_STYLES[mode] for mode in (Mode.ANTE_IMPACT, Mode.POST_IMPACT)]
     handles = [
-        Line2D([], [], color="#222222", label=f"{SIDE[arm]} pad (the one hit first)"),
-        *(
-            Line2D(
-                [],
-                [],
-                color=MODE_STYLES[m].colour,
-                linestyle="--",
-                label=f"{MODE_STYLES[m].word} reference, feedforward",
-            )
-            for m in (Mode.ANTE_IMPACT, Mode.POST_IMPACT)
-        ),
-        Line2D([], [], color="#222222", linestyle=":", label="detected impact, nominal impact $T_r$"),
+        line(color="#222222", label=f"{SIDE[arm]} pad (the one hit first)"),
+        *(line(color=s.colour, linestyle="--", label=f"{s.word} reference, feedforward") for s in styles),
+        line(color="#222222", linestyle=":", label="detected impact, nominal impact $T_r$"),
         *(Patch(color=MODE_STYLES[m].colour, alpha=BAND_ALPHA, label=f"{MODE_STYLES[m].word} mode") for m in BANDS),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)

@@ -96,10 +96,8 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[
     tables.append(Table(title, ("", *LIMITS.values()), acted))
     if evaluation.of(FIGURE11):
         tables.append(_figure11_table(evaluation))
-        caption = (
-            "Mean of (33) over the 200 ms around the nominal impact, by displacement; error bars: 95 % intervals. "
-        )
-        caption += "The paper prints this as a diagram without numbers: its order is in the claims."
+        caption = "Mean of (33) over the 200 ms around the nominal impact, by displacement; error bars: 95 % intervals."
+        caption += " The paper prints this as a diagram without numbers: its order is in the claims."
         figures.append(Figure(f"figure11-{name}.png", caption, lambda path: figure11(path, evaluation)))
         if judge_beyond(both):
             of_both = "Mean of (33) as in Figure 11, with and without the detector of contact completion."
@@ -108,13 +106,11 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[
         if own not in (TABLE2, FIGURE11):
             some = [row | {"controller": name_of(row["controller"])} for row in every.of(own)]
             tables.append(mean_table(f"Experiment {own}", some, ("controller", "displacement_mm"), SHOWN))
-            caption = (
-                f"Experiment {own}: mean of (33) over the 200 ms around the nominal impact; error bars: 95 % intervals."
-            )
-            figures.append(
-                mean_figure(f"{own}-{name}.png", caption, some, "displacement_mm", "controller", "average_force_norm",
-                            "mean desired force norm, 200 ms around $T_r$")
-            )  # fmt: skip
+            caption = f"Experiment {own}: mean of (33) over the 200 ms around the nominal impact; "
+            figures.append(mean_figure(
+                f"{own}-{name}.png", caption + "error bars: 95 % intervals.", some, "displacement_mm", "controller",
+                "average_force_norm", "mean desired force norm, 200 ms around $T_r$",
+            ))  # fmt: skip
     about = _words(asdict(plan.conditions[name]))
     return Section(name, claims, tables, figures, numbers(evaluation), about)
 
@@ -148,12 +144,9 @@ def _table2(evaluation: Evaluation) -> Table:
     lines = []
     for line in evaluation.table2():
         success, lift = PAPER_TABLE2[line.controller]
-        ours = (
-            shown(line.success, " %", 0, 100.0),
-            shown(line.lift_mm, " mm", 2),
-            shown(line.repeated_lift_mm, " mm", 2),
-        )
-        lines.append([NAMES[line.controller], f"{success:.0f} %", ours[0], f"{lift:+.2f} mm", *ours[1:]])
+        here = [shown(each, " mm", 2) for each in (line.lift_mm, line.repeated_lift_mm)]
+        share = shown(line.success, " %", 0, 100.0)
+        lines.append([NAMES[line.controller], f"{success:.0f} %", share, f"{lift:+.2f} mm", *here])
     headings = ("", "successful, paper", "here", "lift difference, paper", "here", "here, of Figure 11's rice boxes")
     return Table("Table II: successful grabs and lift", headings, lines)
 
@@ -235,15 +228,7 @@ def numbers(evaluation: Evaluation) -> dict[str, Any]:
     """
     table2 = evaluation.table2() if evaluation.of(TABLE2) else []
     return {
-        "table2": [
-            {
-                "controller": str(line.controller),
-                "success": _figure(line.success),
-                "lift_mm": _figure(line.lift_mm),
-                "repeated_lift_mm": _figure(line.repeated_lift_mm),
-            }
-            for line in table2
-        ],
+        "table2": [asdict(line) for line in table2],
         "figure11": [
             {"controller": str(controller), "displacement_mm": d}
             | {name: _figure(evaluation.mean_force(controller, d, name)) for name in FORCES}

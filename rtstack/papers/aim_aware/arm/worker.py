@@ -23,8 +23,6 @@ from rtstack.papers.demonstrations import campaign_record, record_of
 from rtstack.trials.record import cell_attachments, whole_run_log
 from rtstack.trials.review import log_columns
 
-JUDGED = "judged"
-
 
 def columns(run: ArmRun) -> dict[str, Any]:
     """Return the columns of the results: name -> type."""
@@ -42,7 +40,7 @@ def _prepared(run: ArmRun, case: Case) -> PreparedHit:
 
 
 def _seed(run: ArmRun, case: Case) -> int:
-    return seed_of(run.study.seed, JUDGED, case.id)
+    return seed_of(run.study.seed, "judged", case.id)
 
 
 def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit]:

@@ -60,11 +60,8 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as JSON-ready values."""
         return {
-            "found": _values(self.found),
-            "false_alarms": _values(self.false_alarms),
-            "reached": self.reached,
-            "kinds": [asdict(line) for line in self.lines],
-            "confusion": self.confusion,
+            "found": _values(self.found), "false_alarms": _values(self.false_alarms), "reached": self.reached,
+            "kinds": [asdict(line) for line in self.lines], "confusion": self.confusion,
             "wrong": [asdict(finding) for finding in self.wrong],
         }  # fmt: skip
 
@@ -94,13 +91,8 @@ def _line(fault: FaultKind | None, findings: Sequence[GrabOutcome]) -> Line:
     delays = [1e3 * f.delay_s for f in findings if f.right and f.delay_s is not None]
     spread = tuple(round(float(x), 1) for x in np.percentile(delays, (50, 95, 100))) if delays else None
     true = NOTHING if fault is None else TRUE_KIND[fault]
-    return Line(
-        "good" if fault is None else str(fault),
-        len(findings),
-        sum(finding.right for finding in findings),
-        spread,
-        sum(_said(finding) == true for finding in findings),
-    )
+    right, named = sum(f.right for f in findings), sum(_said(f) == true for f in findings)
+    return Line("good" if fault is None else str(fault), len(findings), right, spread, named)
 
 
 def _values(interval: Interval | None) -> dict[str, float | None] | None:

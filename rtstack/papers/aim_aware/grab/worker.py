@@ -93,16 +93,9 @@ def run_case(grab: GrabBench, case: GrabCase) -> list[Row]:
     nominal_s = result.nominal_impact_time_s
     hit_s = result.detected_impact_time_s if result.detected_impact_time_s is not None else nominal_s
     finding = like(
-        GrabOutcome,
-        result,
-        case,
-        reference=case.reference.name,
-        verdict=result.impact_verdict or "none",
-        reason=result.impact_reason,
-        kind=result.impact_kind,
+        GrabOutcome, result, case, reference=case.reference.name, verdict=result.impact_verdict or "none",
+        reason=result.impact_reason, kind=result.impact_kind, verdict_s=result.impact_verdict_time_s,
         margin=result.impact_margin if result.impact_margin is not None else 0.0,
-        verdict_s=result.impact_verdict_time_s,
-        onset_s=script[0]["at_s"] if case.fault is FaultKind.PUSH else hit_s,
-        nominal_s=nominal_s,
-    )
+        onset_s=script[0]["at_s"] if case.fault is FaultKind.PUSH else hit_s, nominal_s=nominal_s,
+    )  # fmt: skip
     return [asdict(finding)]

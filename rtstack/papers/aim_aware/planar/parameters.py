@@ -12,20 +12,10 @@ from hal.base.configuration import STRICT, NotNegative, Positive, Real
 Three = tuple[Positive, Positive, Positive]
 
 # m, kg; a kg m^2, b kg m^2 and G kg m of `PlanarArm.record`; B, B_theta kg m^2; K Nm/rad; D Nms/rad; gravity m/s^2
-ARM = np.dtype(
-    [
-        ("length", "f8", 3),
-        ("half_width", "f8"),
-        ("a", "f8", 3),
-        ("b", "f8", (3, 3)),
-        ("G", "f8", 3),
-        ("B", "f8", 3),
-        ("B_theta", "f8", 3),
-        ("K", "f8", 3),
-        ("D", "f8", 3),
-        ("gravity", "f8"),
-    ]
-)
+ARM = np.dtype([
+    ("length", "f8", 3), ("half_width", "f8"), ("a", "f8", 3), ("b", "f8", (3, 3)), ("G", "f8", 3),
+    ("B", "f8", 3), ("B_theta", "f8", 3), ("K", "f8", 3), ("D", "f8", 3), ("gravity", "f8"),
+])  # fmt: skip
 # a frictionless plane through point, of this normal; force per corner stiffness d^exponent exp(damping d-dot), N
 SURFACE = np.dtype(
     [("point", "f8", 2), ("normal", "f8", 2), ("stiffness", "f8"), ("exponent", "f8"), ("damping", "f8")]

@@ -11,35 +11,19 @@ from rtstack.papers.aim_aware.planar.plan import Plan
 from rtstack.papers.aim_aware.planar.plant import advance, transmitted
 
 # what a tick leaves: time ns; rad, rad/s; residual Nm; forces of the corners N; x m m rad; post: 1 once it was detected
-TICK = np.dtype(
-    [
-        ("t_ns", "i8"),
-        ("q", "f8", 3),
-        ("dq", "f8", 3),
-        ("residual", "f8", 3),
-        ("forces", "f8", 2),
-        ("x", "f8", 3),
-        ("dx", "f8", 3),
-        ("tau_d", "f8", 3),
-        ("post", "i8"),
-    ]
-)
+TICK = np.dtype([
+    ("t_ns", "i8"), ("q", "f8", 3), ("dq", "f8", 3), ("residual", "f8", 3), ("forces", "f8", 2),
+    ("x", "f8", 3), ("dx", "f8", 3), ("tau_d", "f8", 3), ("post", "i8"),
+])  # fmt: skip
 # the fields that the momentum observer works on, as in the tick of the real arms
 _OBSERVER = np.dtype(
     [("gravity", "f8", 3), ("momentum_integral", "f8", 3), ("residual_previous", "f8", 3), ("observed", "i8")]
 )
 _OBSERVED = np.dtype([("momentum_residual", "f8", 3), ("residual_rate", "f8", 3)])
-_GAINS = np.dtype(
-    [
-        ("stiffness", "f8", 3),
-        ("damping_ratio", "f8"),
-        ("observer_gain", "f8"),
-        ("period_s", "f8"),
-        ("substeps", "i8"),
-        ("push_n", "f8"),
-        ("residual_rate", "f8", 3),
-    ]
-)
+_GAINS = np.dtype([
+    ("stiffness", "f8", 3), ("damping_ratio", "f8"), ("observer_gain", "f8"), ("period_s", "f8"),
+    ("substeps", "i8"), ("push_n", "f8"), ("residual_rate", "f8", 3),
+])  # fmt: skip
 
 
 def simulate(
@@ -54,10 +38,9 @@ def simulate(
     surface = contact.surface(x_m, task.surface_height_m, inclination_rad)
     numbers = np.zeros(1, _GAINS)
     numbers["stiffness"], numbers["damping_ratio"] = gains.stiffness, gains.damping_ratio
-    numbers["observer_gain"], numbers["period_s"], numbers["substeps"] = (
-        gains.observer_gain_hz, gains.period_s, gains.substeps,
-    )  # fmt: skip
-    numbers["push_n"], numbers["residual_rate"] = task.push_n, residual_rate_nm_s
+    numbers["observer_gain"], numbers["push_n"] = gains.observer_gain_hz, task.push_n
+    numbers["period_s"], numbers["substeps"] = gains.period_s, gains.substeps
+    numbers["residual_rate"] = residual_rate_nm_s
     ticks = np.zeros(len(plan.dq_post), TICK)
     _run(arm, surface, numbers, plan.q_start, *plan.ante, *plan.post, ticks)
     return ticks

@@ -41,18 +41,10 @@ _STOPPING = Mode.STOPPING  # looked up once: an enumeration's member costs 0.1 u
 
 # what a tick leaves: time ns since the first one; rad, rad/s; residual Nm; the pad's face m, m/s and rad/s; torque Nm;
 # post: 1 once the references have switched
-TICK = np.dtype(
-    [
-        ("t_ns", "i8"),
-        ("q", "f8", 7),
-        ("dq", "f8", 7),
-        ("residual", "f8", 7),
-        ("position", "f8", 3),
-        ("twist", "f8", 6),
-        ("tau_d", "f8", 7),
-        ("post", "i8"),
-    ]
-)
+TICK = np.dtype([
+    ("t_ns", "i8"), ("q", "f8", 7), ("dq", "f8", 7), ("residual", "f8", 7),
+    ("position", "f8", 3), ("twist", "f8", 6), ("tau_d", "f8", 7), ("post", "i8"),
+])  # fmt: skip
 
 
 @checked(frozen=True, slots=True, config=STRICT)
