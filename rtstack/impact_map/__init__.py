@@ -13,24 +13,7 @@ from rtstack.impact_map.result import Impact, ImpactMap, MapKind, Status
 from rtstack.impact_map.scene import Arm, Box, Contact, Plane, ReflectedInertia, Scene, SceneError, load_scene
 
 __all__ = [
-    "Arm",
-    "Box",
-    "Contact",
-    "ContactState",
-    "Impact",
-    "ImpactMap",
-    "LawResiduals",
-    "MapKind",
-    "Plane",
-    "Problem",
-    "ReflectedInertia",
-    "Scene",
-    "SceneError",
-    "Status",
-    "converged",
-    "impact_map",
-    "load_scene",
-    "pressed",
-    "problem_of",
-    "single_step",
-]
+    "Arm", "Box", "Contact", "ContactState", "Impact", "ImpactMap", "LawResiduals", "MapKind", "Plane", "Problem",
+    "ReflectedInertia", "Scene", "SceneError", "Status", "converged", "impact_map", "load_scene", "pressed",
+    "problem_of", "single_step",
+]  # fmt: skip

@@ -44,13 +44,8 @@ class Body:
 def moved_to(point: Array, origin: Array) -> Array:
     """Return the Jacobian (6, nv) of the twist at `point`, from the one at the world's origin: v + w x p."""
     move = np.eye(6)
-    move[:3, 3:] = -skew(point)
+    move[:3, 3:] = -pin.skew(point)
     return move @ origin
-
-
-def skew(p: Array) -> Array:
-    """Return the matrix (3, 3) of p x."""
-    return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
 
 
 def arm_body(arm: Arm, pad: Pad, reflected: ReflectedInertia) -> tuple[Body, Face]:
@@ -98,7 +93,7 @@ class BoxBody:
         M[:3, :3] = box.mass * np.eye(3)
         M[3:, 3:] = (self._rotation * moments) @ self._rotation.T
         origin = np.eye(6)
-        origin[:3, 3:] = skew(self._position)  # v at the origin = v_c - w x c
+        origin[:3, 3:] = pin.skew(self._position)  # v at the origin = v_c - w x c
         velocity = np.array(box.velocity + box.angular_velocity)
         self.body = Body(M, velocity, origin, self._position)
 

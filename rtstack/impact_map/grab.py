@@ -45,15 +45,10 @@ class GrabImpact:
 
 
 def grab_impact(
-    description: CellDescription,
-    object_name: str,
-    ante: NDArray,
-    pad_friction: float,
-    table_friction: float,
-    reflected: ReflectedInertia = ReflectedInertia.B_THETA,
-    object_xy: tuple[float, float] = (0.0, 0.0),
+    description: CellDescription, object_name: str, ante: NDArray, pad_friction: float, table_friction: float,
+    reflected: ReflectedInertia = ReflectedInertia.B_THETA, object_xy: tuple[float, float] = (0.0, 0.0),
     kind: MapKind = MapKind.CONVERGED,
-) -> GrabImpact:
+) -> GrabImpact:  # fmt: skip
     """Return the nominal impact of a grab whose ante-impact reference ends in `ante`, (2,) of POINT (left, right).
 
     object_xy: where the object stands on the table, m; kind: of the map whose velocities are returned. Raises
@@ -75,32 +70,25 @@ def grab_impact(
 
 
 def grab_scene(
-    description: CellDescription,
-    object_name: str,
-    q: Array,
-    dq: Array,
-    pad_friction: float,
-    table_friction: float,
-    reflected: ReflectedInertia = ReflectedInertia.B_THETA,
-    object_xy: tuple[float, float] = (0.0, 0.0),
-) -> Scene:
+    description: CellDescription, object_name: str, q: Array, dq: Array, pad_friction: float, table_friction: float,
+    reflected: ReflectedInertia = ReflectedInertia.B_THETA, object_xy: tuple[float, float] = (0.0, 0.0),
+) -> Scene:  # fmt: skip
     """Return the scene of a cell with its first arms at q (arms, 7) rad, moving with dq (arms, 7) rad/s, at a resting
     object."""
     thing, top = description.objects[object_name], description.table.top_z
     sides = description.sides[: len(q)]
+    arms = {
+        side: Arm(
+            arm.base_position, seven(q[k]), arm.base_orientation_wxyz, dq=seven(dq[k]), model=arm.model, pad=arm.pad
+        )
+        for k, (side, arm) in enumerate(zip(sides, description.arms, strict=False))
+    }
+    touching = [Contact((side, "object"), pad_friction) for side in sides]
     return Scene(
-        arms={
-            side: _arm(mounting, *state) for side, mounting, *state in zip(sides, description.arms, q, dq, strict=False)
-        },
+        (*touching, Contact(("object", "table"), table_friction)), arms,
         objects={"object": Box(thing.mass, thing.size, (*object_xy, top + thing.size[2] / 2))},
-        supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
-        contacts=(
-            *(Contact((side, "object"), pad_friction) for side in sides),
-            Contact(("object", "table"), table_friction),
-        ),
-        pad=description.pad,
-        reflected=reflected,
-    )
+        supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))}, pad=description.pad, reflected=reflected,
+    )  # fmt: skip
 
 
 def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array, Array]:
@@ -129,8 +117,3 @@ def joint_state_near(model: ArmModel, q: Array, point: NDArray) -> tuple[Array, 
         q = q + step / max(1.0, float(np.abs(step).max()) / 0.3)
     place = np.round(point["position"], 3).tolist()
     raise SceneError(f"no configuration with the pad at {place} and joint 1 at {point['xi']:.3f} rad")
-
-
-def _arm(mounting: ArmMounting, q: Array, dq: Array) -> Arm:
-    place, turn = mounting.base_position, mounting.base_orientation_wxyz
-    return Arm(place, seven(q), turn, dq=seven(dq), model=mounting.model, pad=mounting.pad)

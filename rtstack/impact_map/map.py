@@ -153,22 +153,12 @@ def _impact(
     momentum = problem.M @ (velocity - problem.velocity) - problem.J.T @ (impulses - load).ravel()
     status, detail = _status(problem, solution, other, impulses, velocities, held)
     return Impact(
-        status=status,
-        detail=detail,
-        velocity=velocity,
-        impulses=impulses,
-        velocities=velocities,
-        states=tuple(states),
+        status, detail, velocity, impulses, velocities, tuple(states),
         impulses_unique=_unique(problem, impulses, velocities, states, held),
-        kinetic_energy_before_j=float(problem.w @ problem.w) / 2,
-        kinetic_energy_after_j=float(after @ after) / 2,
-        law=law,
-        momentum_ns=float(np.abs(momentum).max()),
-        pressing_ns=pressing,
-        iterations=solution.iterations,
-        second_opinion_m_s=None if other is None else other.told,
-        spread_m_s=None if other is None else other.first,
-    )
+        kinetic_energy_before_j=float(problem.w @ problem.w) / 2, kinetic_energy_after_j=float(after @ after) / 2,
+        law=law, momentum_ns=float(np.abs(momentum).max()), pressing_ns=pressing, iterations=solution.iterations,
+        second_opinion_m_s=None if other is None else other.told, spread_m_s=None if other is None else other.first,
+    )  # fmt: skip
 
 
 def _status(

@@ -96,11 +96,7 @@ class ImpactMap:
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON-ready values."""
         before = {name: self.twist_before(name).tolist() for name in self.problem.names}
-        return {
-            "twist_before": before,
-            "single_step": self._impact_dict(self.single_step),
-            "converged": self._impact_dict(self.converged),
-        }
+        return {"twist_before": before, **{kind.value: self._impact_dict(self.of(kind)) for kind in MapKind}}
 
     def _impact_dict(self, impact: Impact) -> dict[str, Any]:
         bodies = {}
@@ -109,9 +105,9 @@ class ImpactMap:
             if len(body.velocity) == JOINTS:
                 bodies[name]["dq"] = self.velocity(name, impact).tolist()
         contacts = []
-        for k, (contact, patch, rows) in enumerate(
-            zip(self.problem.contacts, self.problem.patches, self.problem.points, strict=True)
-        ):
+        problem = self.problem
+        for k, contact in enumerate(problem.contacts):
+            patch, rows = problem.patches[k], problem.points[k]
             points = [
                 {
                     "point": patch.points[i - rows.start].tolist(),
@@ -127,16 +123,11 @@ class ImpactMap:
                 {"between": list(contact.between), "pressing_ns": float(impact.pressing_ns[k]), "points": points}
             )
         return {
-            "status": impact.status.value,
-            "detail": impact.detail,
-            "bodies": bodies,
-            "contacts": contacts,
+            "status": impact.status.value, "detail": impact.detail, "bodies": bodies, "contacts": contacts,
             "impulses_unique": impact.impulses_unique,
             "kinetic_energy_before_j": impact.kinetic_energy_before_j,
             "kinetic_energy_after_j": impact.kinetic_energy_after_j,
-            "law_residuals": asdict(impact.law),
-            "momentum_residual_ns": impact.momentum_ns,
+            "law_residuals": asdict(impact.law), "momentum_residual_ns": impact.momentum_ns,
             "admm_iterations": impact.iterations,
-            "second_opinion_m_s": impact.second_opinion_m_s,
-            "spread_m_s": impact.spread_m_s,
-        }
+            "second_opinion_m_s": impact.second_opinion_m_s, "spread_m_s": impact.spread_m_s,
+        }  # fmt: skip

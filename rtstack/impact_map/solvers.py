@@ -48,9 +48,8 @@ def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
     G (3n, 3n) 1/kg, symmetric, positive semidefinite; b (3n,) m/s; friction (n,). `solve_ncp` is on: the law itself.
     The solver's answer is made exact by Newton's method; an answer that stays inexact is returned as not solved.
     """
-    n = len(friction)
-    none = np.zeros((n, 3))
-    if n == 0 or np.all(b[2::3] >= 0.0):  # nothing approaches
+    if len(friction) == 0 or np.all(b[2::3] >= 0.0):  # nothing approaches
+        none = np.zeros((len(friction), 3))
         return Solution(none, none, True, 0)
     best, error, iterations = _exact(solver, G, b, friction)
     solved = error <= ACCEPTED
@@ -59,9 +58,8 @@ def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
 
 def _exact(solver: Solver, G: Array, b: Array, friction: Array) -> tuple[Array, float, int]:
     """Return the best impulses of all attempts, made exact, their error, and all iterations."""
-    n = len(friction)
     models, datas = _constraints(tuple(friction))
-    best, smallest, iterations = np.zeros((n, 3)), np.inf, 0
+    best, smallest, iterations = np.zeros((len(friction), 3)), np.inf, 0
     for tolerance, limit in ADMM_ATTEMPTS if solver is Solver.ADMM else PGS_ATTEMPTS:
         engine, settings, answer = _engine(solver, len(b))
         settings.solve_ncp = True

@@ -14,7 +14,7 @@ from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.planning.impact_loads import impact_loads
 from rtstack.planning.planned import PlannedMotion
-from rtstack.planning.request import PlanError, TooFast
+from rtstack.planning.request import GrabPlan, PlanError, TooFast
 from rtstack.safety.limits import SafetyLimits, hardware_limits
 from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_object
@@ -54,6 +54,18 @@ def check_place(description: CellDescription, object_name: str, height: float) -
             f"height {height:g} m: on {object_name} the pads have to be within {lowest:.3f} and {room:.3f} m of its "
             "centre to lie on its face and clear the table"
         )
+
+
+def check_plan(planned: PlannedMotion, description: CellDescription) -> None:
+    """Raise PlanError where a plan cannot be run, TooFast where a slower one may be. description: about its object."""
+    request = planned.request
+    check_impact(planned.map, request.speed)
+    if isinstance(request, GrabPlan):
+        check_lift(planned, description.contact_friction.pad, request.squeeze)
+    else:
+        check_travel(planned, description)
+    check_motion(planned, description)
+    check_loads(planned, description)
 
 
 def check_impact(result: ImpactMap, speed: float) -> None:

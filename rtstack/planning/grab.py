@@ -10,15 +10,7 @@ from rtstack.impact_map.grab import grab_impact, joint_state_near
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.fastest import feasible
-from rtstack.planning.feasibility import (
-    GRAVITY,
-    check_impact,
-    check_lift,
-    check_loads,
-    check_motion,
-    check_place,
-    object_named,
-)
+from rtstack.planning.feasibility import GRAVITY, check_place, check_plan, object_named
 from rtstack.planning.joints import arm_inertia
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
@@ -41,11 +33,7 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
 
     def attempt(plan: GrabPlan) -> PlannedMotion:
         planned = grab_motion(description, object_name, plan)
-        about = description.about(object_name)
-        check_impact(planned.map, plan.speed)
-        check_lift(planned, about.contact_friction.pad, plan.squeeze)
-        check_motion(planned, about)
-        check_loads(planned, about)
+        check_plan(planned, description.about(object_name))
         return planned
 
     return feasible(attempt, plan or GrabPlan())
@@ -157,20 +145,12 @@ def _post_path(
     along_x, along_y = coast(touch, x, vx, COAST_S), coast(touch, y, vy, COAST_S)
     x_held, y_held = along_x[-1].position, along_y[-1].position + inward * plan.give * plan.squeeze
     held = touch + (GIVE_S if plan.give else COAST_S)
+    back = ViaPoint(release + plan.release_s, y - inward * plan.retreat)
+    lifted, carried = ViaPoint(up, z + plan.lift), ViaPoint(lower, z + plan.lift)
     return ArmPath(
         x=[*along_x, ViaPoint(up, x_held), ViaPoint(lower, x_held + plan.carry)],
-        y=[
-            along_y[0],
-            ViaPoint(held, y_held),
-            ViaPoint(release, y_held),
-            ViaPoint(release + plan.release_s, y - inward * plan.retreat),
-        ],
-        z=[
-            *_rise(plan, touch, z, float(after[2]), slowing),
-            ViaPoint(up, z + plan.lift),
-            ViaPoint(lower, z + plan.lift),
-            ViaPoint(release, z),
-        ],
+        y=[along_y[0], ViaPoint(held, y_held), ViaPoint(release, y_held), back],
+        z=[*_rise(plan, touch, z, float(after[2]), slowing), lifted, carried, ViaPoint(release, z)],
         xi=coast(touch, approach.xi_contact, dxi, COAST_S),
         # pads and object pitch together, as the map says; a reference that did not would take that momentum from the
         # lift. They are level again when it ends

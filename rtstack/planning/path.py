@@ -82,20 +82,13 @@ class Approach:
 
         Its `turn` counts from the rotation at the object.
         """
-        axes = []
+        axes, steady = [], touch_s - steady_s
         for axis in range(3):
             v, contact = float(self.velocity[axis]), float(self.contact[axis])
-            steady = touch_s - steady_s
-            begin = steady - self._gathering_s(axis, steady_s)
-            axes.append(
-                [
-                    ViaPoint(begin, float(self.start[axis])),
-                    ViaPoint(steady, contact - v * steady_s, v),
-                    ViaPoint(touch_s + 1.0, contact + v, v),
-                ]
-            )
-        posture = [ViaPoint(0.0, self.xi_start), ViaPoint(touch_s - steady_s, self.xi_contact)]
-        turn = [ViaPoint(0.0, -1.0), ViaPoint(touch_s - steady_s, 0.0)] if self.turning.any() else []
+            begin = ViaPoint(steady - self._gathering_s(axis, steady_s), float(self.start[axis]))
+            axes.append([begin, ViaPoint(steady, contact - v * steady_s, v), ViaPoint(touch_s + 1.0, contact + v, v)])
+        posture = [ViaPoint(0.0, self.xi_start), ViaPoint(steady, self.xi_contact)]
+        turn = [ViaPoint(0.0, -1.0), ViaPoint(steady, 0.0)] if self.turning.any() else []
         return ArmPath(*axes, xi=posture, turn=turn, turning=self.turning)
 
     def _gathering_s(self, axis: int, steady_s: float) -> float:

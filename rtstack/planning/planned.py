@@ -69,21 +69,20 @@ class PlannedMotion:
     def as_dict(self) -> dict[str, Any]:
         """Return parameters and predictions as JSON-ready values."""
         arms = [name for name in self.map.problem.names if name in self.sides]
+        recording, result = self.recording, self.map
         return {
-            "motion": str(self.recording.motion),
-            "object": self.recording.object,
+            "motion": str(recording.motion),
+            "object": recording.object,
             "parameters": {key: getattr(value, "value", value) for key, value in asdict(self.request).items()},
-            "nominal_impact_s": self.recording.impact_s,
-            "release_s": self.recording.release * self.recording.period_s,
-            "duration_s": self.recording.points.shape[1] * self.recording.period_s,
-            "velocity_before": {side: self.map.twist_before(side)[:3].tolist() for side in arms},
-            "velocity_after": {side: self.map.twist(side)[:3].tolist() for side in arms},
-            "velocity_after_single_step": {
-                side: self.map.twist(side, self.map.single_step)[:3].tolist() for side in arms
-            },
+            "nominal_impact_s": recording.impact_s,
+            "release_s": recording.release * recording.period_s,
+            "duration_s": recording.points.shape[1] * recording.period_s,
+            "velocity_before": {side: result.twist_before(side)[:3].tolist() for side in arms},
+            "velocity_after": {side: result.twist(side)[:3].tolist() for side in arms},
+            "velocity_after_single_step": {side: result.twist(side, result.single_step)[:3].tolist() for side in arms},
             "velocity_planned": {side: self.velocities[self.sides.index(side)].tolist() for side in arms},
-            "converged": _impact_dict(self.map, self.map.converged),
-            "single_step": _impact_dict(self.map, self.map.single_step),
+            "converged": _impact_dict(result, result.converged),
+            "single_step": _impact_dict(result, result.single_step),
         }
 
 

@@ -13,15 +13,7 @@ from rtstack.impact_map.grab import grab_scene, joint_state
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.fastest import feasible
-from rtstack.planning.feasibility import (
-    GRAVITY,
-    check_impact,
-    check_loads,
-    check_motion,
-    check_place,
-    check_travel,
-    object_named,
-)
+from rtstack.planning.feasibility import GRAVITY, check_place, check_plan, object_named
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import PlanError, PushPlan
@@ -40,11 +32,7 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
 
     def attempt(plan: PushPlan) -> PlannedMotion:
         planned = push_motion(description, object_name, plan)
-        about = description.about(object_name)
-        check_impact(planned.map, plan.speed)
-        check_travel(planned, about)
-        check_motion(planned, about)
-        check_loads(planned, about)
+        check_plan(planned, description.about(object_name))
         return planned
 
     return feasible(attempt, plan or PushPlan())
@@ -143,10 +131,5 @@ def _post_path(
 
 def _aside(start: Array, xi: float, way_up: float) -> ArmPath:
     """Return the other arm's path: straight up, out of the object's way."""
-    x, y, z = start.tolist()
-    return ArmPath(
-        x=[ViaPoint(0.0, x)],
-        y=[ViaPoint(0.0, y)],
-        z=[ViaPoint(0.0, z), ViaPoint(GIVING_WAY_S, z + way_up)],
-        xi=[ViaPoint(0.0, xi)],
-    )
+    x, y, z, posture = (ViaPoint(0.0, value) for value in (*start.tolist(), xi))
+    return ArmPath([x], [y], [z, ViaPoint(GIVING_WAY_S, z.position + way_up)], [posture])
