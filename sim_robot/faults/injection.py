@@ -6,18 +6,7 @@ from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from hal.tracker import ObjectPose
 from sim_robot.control_box import ControlBox
-from sim_robot.faults.kinds import (
-    BaseShaken,
-    Mode,
-    Reflex,
-    ScriptedFault,
-    StateFrozen,
-    StateNan,
-    TimeBack,
-    TrackerFrozen,
-    TrackerLost,
-    UserStop,
-)
+from sim_robot.faults import kinds
 from sim_robot.faults.plant import PlantFaults
 from sim_robot.faults.schedule import Schedule
 from sim_robot.plant import Plant
@@ -44,9 +33,9 @@ class FaultyTracker:
             return
         self._frame_t_ns = new.t_ns
         effects = self._faults.schedule.effects
-        if effects(TrackerLost, 0):
+        if effects(kinds.TrackerLost, 0):
             return
-        if effects(TrackerFrozen, 0) and self._seen.record["seen"][0]:
+        if effects(kinds.TrackerFrozen, 0) and self._seen.record["seen"][0]:
             self._seen.record["t_ns"] = new.record["t_ns"]
         else:
             self._seen.record[:] = new.record
@@ -61,7 +50,7 @@ class Injection:
     """Carries out the faults of the plant, of the robot and of the tracker; those of the link are `link`'s."""
 
     def __init__(
-        self, faults: tuple[ScriptedFault, ...], plant: Plant, boxes: tuple[ControlBox, ...], empty: bool = False
+        self, faults: tuple[kinds.ScriptedFault, ...], plant: Plant, boxes: tuple[ControlBox, ...], empty: bool = False
     ) -> None:
         """empty: the cell has no object, from the start."""
         self.schedule = Schedule(faults)
@@ -87,7 +76,7 @@ class Injection:
         """Let the robots react, after the ms."""
         for side, box in enumerate(self._boxes):
             causes = self.causes(side)
-            began = any(isinstance(fault.effect, Reflex) and side in fault.sides for fault in self.schedule.begun)
+            began = any(isinstance(fault.effect, kinds.Reflex) and side in fault.sides for fault in self.schedule.begun)
             if causes and (box.mode == RobotMode.MOVE or (began and box.mode == RobotMode.IDLE)):
                 box.trip(causes)
             mode = self.mode(side)
@@ -102,22 +91,22 @@ class Injection:
 
     def mode(self, side: int) -> RobotMode | None:
         """Return the mode that a person has left this arm in, None where it obeys."""
-        if self.schedule.effects(UserStop, side):
+        if self.schedule.effects(kinds.UserStop, side):
             return RobotMode.USER_STOPPED
-        return next((effect.robot_mode for effect in self.schedule.effects(Mode, side)), None)
+        return next((effect.robot_mode for effect in self.schedule.effects(kinds.Mode, side)), None)
 
     def unsafe(self, side: int) -> bool:
         """Whether a safety function is what makes this arm refuse."""
-        return any(effect.unsafe for effect in self.schedule.effects(Mode, side))
+        return any(effect.unsafe for effect in self.schedule.effects(kinds.Mode, side))
 
     def off(self, side: int) -> bool:
         """Whether this arm takes no connections."""
-        return any(effect.state == "fci_off" for effect in self.schedule.effects(Mode, side))
+        return any(effect.state == "fci_off" for effect in self.schedule.effects(kinds.Mode, side))
 
     def causes(self, side: int) -> int:
         """Return the mask of errors whose cause persists by a fault."""
         mask = 0
-        for effect in self.schedule.effects(Reflex, side):
+        for effect in self.schedule.effects(kinds.Reflex, side):
             mask |= error_bit(effect.error)
         if np.linalg.norm(self.base_shaken(side)) > _STEADY:
             mask |= BASE_READING
@@ -125,20 +114,21 @@ class Injection:
 
     def base_shaken(self, side: int) -> np.ndarray:
         """Return what is added to the reading of gravity in the arm's base, (3,) m/s^2."""
-        return np.sum([(0.0, 0.0, 0.0), *(e.acceleration for e in self.schedule.effects(BaseShaken, side))], axis=0)
+        shaken = self.schedule.effects(kinds.BaseShaken, side)
+        return np.sum([(0.0, 0.0, 0.0), *(effect.acceleration for effect in shaken)], axis=0)
 
     def distort(self, side: int, state: np.ndarray, time: str, millisecond: int) -> None:
         """Make of this arm's state, (1,), what the faults show. time: the field of its stamp, in which one ms is
         `millisecond`."""
         self._freeze(side, state, time)
-        for effect in self.schedule.effects(StateNan, side):
+        for effect in self.schedule.effects(kinds.StateNan, side):
             state[effect.field] = np.nan
-        for effect in self.schedule.effects(TimeBack, side):
+        for effect in self.schedule.effects(kinds.TimeBack, side):
             state[time] -= min(round(effect.back_ms) * millisecond, int(state[time][0]))
 
     def _freeze(self, side: int, state: np.ndarray, time: str) -> None:
         """Repeat the first state of this arm that was shown since it froze, but for the field `time`."""
-        if not self.schedule.effects(StateFrozen, side):
+        if not self.schedule.effects(kinds.StateFrozen, side):
             self._frozen[side] = None
             return
         frozen = self._frozen[side]

@@ -5,7 +5,7 @@ docs/fault_scripts.md has the table, the keys of every kind, and when each begin
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, dataclass_transform
 
 from pydantic import Field
 
@@ -22,10 +22,11 @@ _LONGEST_MS = 60_000.0
 KINDS: dict[str, type["Effect"]] = {}
 
 
+@dataclass_transform(frozen_default=True)
 @dataclass(frozen=True)
 class Effect:
-    """What goes wrong; its fields are the kind's own keys. of_an_arm: it names an arm; lasts: it has a duration;
-    of_the_link: it needs the Franka Control Interface."""
+    """What goes wrong. A subclass is made a dataclass; its fields are the kind's own keys. of_an_arm: it names an arm;
+    lasts: it has a duration; of_the_link: it needs the Franka Control Interface."""
 
     kind: ClassVar[str]
     of_an_arm: ClassVar[bool]
@@ -36,24 +37,21 @@ class Effect:
         cls, kind: str, of_an_arm: bool = True, lasts: bool = True, of_the_link: bool = False
     ) -> None:
         cls.kind, cls.of_an_arm, cls.lasts, cls.of_the_link = kind, of_an_arm, lasts, of_the_link
-        KINDS[kind] = cls
+        KINDS[kind] = dataclass(frozen=True)(cls)
 
 
-@dataclass(frozen=True)
 class Push(Effect, kind="push"):
     """A force on the pad's face, along the world's axes."""
 
     force_N: tuple[_Force, _Force, _Force]
 
 
-@dataclass(frozen=True)
 class JointPush(Effect, kind="joint_push"):
     """An outer torque on the joints."""
 
     torque_Nm: _Torques
 
 
-@dataclass(frozen=True)
 class Slip(Effect, kind="slip"):
     """The pad loses its grip."""
 
@@ -64,35 +62,30 @@ class ObjectLost(Effect, kind="object_lost", of_an_arm=False, lasts=False):
     """The object is gone."""
 
 
-@dataclass(frozen=True)
 class ObjectMass(Effect, kind="object_mass", of_an_arm=False):
     """The object is heavier or lighter than it looks."""
 
     mass_factor: Annotated[float, Field(ge=0.01, le=100.0)]
 
 
-@dataclass(frozen=True)
 class ObjectTilted(Effect, kind="object_tilted", of_an_arm=False, lasts=False):
     """Something lies under the object: its sides are not upright. Positive: the left arm's edge is the higher one."""
 
     tilt_deg: Annotated[float, Field(ge=-20.0, le=20.0)]  # steeper, it would slide off its wedge
 
 
-@dataclass(frozen=True)
 class FrictionChange(Effect, kind="friction_change"):
     """The joints run more smoothly, or bind."""
 
     friction_factor: _Factor
 
 
-@dataclass(frozen=True)
 class TauSensorBias(Effect, kind="tau_sensor_bias"):
     """The joint torque sensors are off."""
 
     bias_Nm: _Torques
 
 
-@dataclass(frozen=True)
 class Reflex(Effect, kind="reflex"):
     """The robot stops itself."""
 
@@ -103,7 +96,6 @@ class Reflex(Effect, kind="reflex"):
             raise ValueError(f"error {self.error!r} is none of the vendor's: see hal/robot_errors.py")
 
 
-@dataclass(frozen=True)
 class BaseShaken(Effect, kind="base_shaken"):
     """What the arm stands on is shaken, or the accelerometer in its base is broken."""
 
@@ -125,7 +117,6 @@ MODES = {
 }
 
 
-@dataclass(frozen=True)
 class Mode(Effect, kind="mode"):
     """The arm is in a mode out of which only a person leads."""
 
@@ -150,7 +141,6 @@ class StateFrozen(Effect, kind="state_frozen"):
     """The robot repeats itself."""
 
 
-@dataclass(frozen=True)
 class StateNan(Effect, kind="state_nan"):
     """The robot reports nonsense."""
 
@@ -161,7 +151,6 @@ class StateNan(Effect, kind="state_nan"):
             raise ValueError(f"field {self.field!r} is none of the state's numbers: see hal/state.py")
 
 
-@dataclass(frozen=True)
 class TimeBack(Effect, kind="time_back"):
     """The robot's clock jumps back. libfranka takes no notice of a state that is older than the last one."""
 
@@ -180,7 +169,6 @@ class Disconnect(Effect, kind="disconnect", lasts=False, of_the_link=True):
     """The connection is closed."""
 
 
-@dataclass(frozen=True)
 class Stall(Effect, kind="stall", of_an_arm=False, lasts=False, of_the_link=True):
     """The server stands still."""
 

@@ -62,10 +62,8 @@ class PlantFaults:
             joint["friction_offset"] = friction * nominal["friction_offset"] + heeded
         # the contacts stay as they were compiled: stiffness and damping in N/m and Ns/m are of the surfaces
         mass = np.prod([effect.mass_factor for effect in effects(ObjectMass, 0)])
-        plant.model.body_mass[self._body], plant.model.body_inertia[self._body] = (
-            mass * self._mass,
-            mass * self._inertia,
-        )
+        plant.model.body_mass[self._body] = mass * self._mass
+        plant.model.body_inertia[self._body] = mass * self._inertia
         self._biased = bool(self._biases.any())
         if effects(ObjectLost, 0):
             plant.away = plant.gone = True
