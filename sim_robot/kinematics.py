@@ -13,6 +13,7 @@ KINEMATICS_RECORD = np.dtype(
         ("T_parent_joint", "f8", (JOINTS, 4, 4)),
         ("joint_T_face", "f8", (4, 4)),  # the end effector's frame in that of joint 7
         ("T", "f8", (4, 4)),  # T_O_EE, row-major
+        ("R", "f8", (JOINTS, 3, 3)),  # of the links that the joints move
         ("axes", "f8", (JOINTS, 3)),
         ("origins", "f8", (JOINTS, 3)),
         ("J", "f8", (6, JOINTS)),  # linear, angular velocity of the pad's face along the base's axes
@@ -41,6 +42,7 @@ def forward_kinematics(kinematics, q):
             T[r, 3] += a * P[0, 3] + b * P[1, 3] + c * P[2, 3]
             T[r, 0], T[r, 1], T[r, 2] = x * cq + y * sq, y * cq - x * sq, z
             axes[j, r], origins[j, r] = z, T[r, 3]
+            kinematics.R[j, r, 0], kinematics.R[j, r, 1], kinematics.R[j, r, 2] = T[r, 0], T[r, 1], z
     F = kinematics.joint_T_face
     for r in range(3):
         a, b, c = T[r, 0], T[r, 1], T[r, 2]
@@ -53,6 +55,17 @@ def forward_kinematics(kinematics, q):
         rx, ry, rz = T[0, 3] - origins[j, 0], T[1, 3] - origins[j, 1], T[2, 3] - origins[j, 2]
         J[0, j], J[1, j], J[2, j] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
         J[3, j], J[4, j], J[5, j] = ax, ay, az
+
+
+@compiled
+def gram(J, JJ):
+    """Set the lower part of JJ (6, 6) to J J^T, J (6, 7)."""
+    for i in range(6):
+        for k in range(i + 1):
+            total = 0.0
+            for j in range(JOINTS):
+                total += J[i, j] * J[k, j]
+            JJ[i, k] = total
 
 
 @compiled
@@ -95,13 +108,8 @@ def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
     J J^T - s^2 I is not positive definite, which a factorisation tells.
     """
     J, JJ, L, F = kinematics.J, kinematics.JJ, kinematics.factor, kinematics.wrench
-    for i in range(6):
-        F[i] = 0.0
-        for k in range(i + 1):
-            total = 0.0
-            for j in range(JOINTS):
-                total += J[i, j] * J[k, j]
-            JJ[i, k] = total
+    F[:] = 0.0
+    gram(J, JJ)
     if not cholesky(JJ, -smallest_singular_value * smallest_singular_value, L):
         return
     if not cholesky(JJ, damping * damping, L):

@@ -113,9 +113,7 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
         for i in range(6):
             twist[i] /= DT
     else:
-        for i in range(6):
-            twist[i] = command.O_dP_EE_c[i]
-        T[:] = motion.O_T_EE_d
+        twist[:], T[:] = command.O_dP_EE_c, motion.O_T_EE_d
         turn(T, twist, DT)
     rate, jump = np.empty(6), np.empty(6)
     for i in range(6):
@@ -146,10 +144,8 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
         motion.first, motion.with_elbow = 0, with_elbow
         motion.beyond += beyond(ddq, dddq, setting.joint_limits)
         motion.O_T_EE_d[:], motion.O_T_EE_c[:] = T, T
-        for i in range(6):
-            motion.O_dP_EE_d[i], motion.O_dP_EE_c[i], motion.O_ddP_EE_c[i] = twist[i], twist[i], rate[i]
-        for j in range(JOINTS):
-            motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q[j], dq[j], ddq[j]
+        motion.O_dP_EE_d[:], motion.O_dP_EE_c[:], motion.O_ddP_EE_c[:] = twist, twist, rate
+        motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = q, dq, ddq
         if with_elbow:
             motion.elbow_c[0], motion.delbow_c[0], motion.ddelbow_c[0] = elbow, delbow, ddelbow
         else:

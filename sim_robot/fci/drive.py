@@ -12,10 +12,10 @@ from sim_robot.control_box import ControlBox
 from sim_robot.fci import joint_motion
 from sim_robot.fci.cartesian_motion import CMG_VELOCITY_JUMP, follow_cartesian
 from sim_robot.fci.joint_motion import DT, JOINT_VELOCITY
-from sim_robot.fci.pose_step import inverse_step, turn
+from sim_robot.fci.pose_step import inverse_step, sine_between, turn
 from sim_robot.fci.protocol import Controller, Generator
 from sim_robot.fci.robot_state import ELBOW_FLIP, MOTION_RECORD, product
-from sim_robot.kinematics import KINEMATICS_RECORD, cholesky, forward_kinematics, solve
+from sim_robot.kinematics import KINEMATICS_RECORD, cholesky, forward_kinematics, gram, solve
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import ReflexParameters
 
@@ -43,13 +43,9 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
         J[0, j] += ay * lever[2] - az * lever[1]
         J[1, j] += az * lever[0] - ax * lever[2]
         J[2, j] += ax * lever[1] - ay * lever[0]
-    # half the sum of the axes' cross products: the sine of the angle, enough for what a stiff controller leaves
     for k in range(3):
-        a, b = (k + 1) % 3, (k + 2) % 3
-        total = 0.0
-        for c in range(3):
-            total += T[a, c] * T_d[b, c] - T[b, c] * T_d[a, c]
-        e[k], e[k + 3] = T_d[k, 3] - T[k, 3], total / 2.0
+        e[k] = T_d[k, 3] - T[k, 3]
+    sine_between(T, T_d, e[3:])  # enough for what a stiff controller leaves
     wrench = np.zeros(6)
     for half in range(2):
         for c in range(3):  # along the axes of K
@@ -70,10 +66,7 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
     for i in range(6):
         for j in range(JOINTS):
             b[i] += J[i, j] * null[j]
-        for k in range(i + 1):
-            measured.JJ[i, k] = 0.0
-            for j in range(JOINTS):
-                measured.JJ[i, k] += J[i, j] * J[k, j]
+    gram(J, measured.JJ)
     cholesky(measured.JJ, 1e-4, measured.factor)  # positive definite by the shift
     solve(measured.factor, b)
     for j in range(JOINTS):
@@ -90,14 +83,11 @@ def start_motion(motion, body, setting, q_start):
     forward_kinematics(body, q_start)
     product(body.T, setting.face_T_EE, motion.O_T_EE_d)
     motion.O_T_EE_c[:] = motion.O_T_EE_d
-    for j in range(JOINTS):
-        motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q_start[j], 0.0, 0.0
-    for i in range(6):
-        motion.O_dP_EE_d[i], motion.O_dP_EE_c[i], motion.O_ddP_EE_c[i] = 0.0, 0.0, 0.0
+    motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = q_start, 0.0, 0.0
+    motion.O_dP_EE_d[:], motion.O_dP_EE_c[:], motion.O_ddP_EE_c[:] = 0.0, 0.0, 0.0
     motion.elbow_c[0] = q_start[2]
     motion.elbow_c[1] = 1.0 if q_start[3] > ELBOW_FLIP else -1.0
-    for i in range(2):
-        motion.delbow_c[i], motion.ddelbow_c[i] = 0.0, 0.0
+    motion.delbow_c[:], motion.ddelbow_c[:] = 0.0, 0.0
     motion.first, motion.with_elbow = 1, 0
 
 

@@ -109,8 +109,7 @@ def follow_joints(motion, command, kind, setting, q_measured):
     if mask == 0:
         motion.first = 0
         motion.beyond += beyond(ddq, dddq, limits)
-        for j in range(JOINTS):
-            motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q[j], dq[j], ddq[j]
+        motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = q, dq, ddq
     return mask
 
 
@@ -120,8 +119,7 @@ def take_target(motion, command, setting):
     for j in range(JOINTS):
         if not setting.joint_limits[0, j] <= command.q_c[j] <= setting.joint_limits[1, j]:
             return VIA_PLANNING
-    for j in range(JOINTS):
-        motion.target[j] = command.q_c[j]
+    motion.target[:] = command.q_c
     return 0
 
 

@@ -7,9 +7,20 @@ import numpy as np
 from hal.compilation import compiled
 from sim_robot.arm_description import JOINTS
 from sim_robot.fci.robot_state import product
-from sim_robot.kinematics import cholesky, forward_kinematics, solve
+from sim_robot.kinematics import cholesky, forward_kinematics, gram, solve
 
 _IK_DAMPING = 1e-4
+
+
+@compiled
+def sine_between(A, B, w):
+    """w (3,): along the axis of the turn from A to B, as long as its angle's sine; of B A^T - A B^T."""
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        total = 0.0
+        for c in range(3):
+            total += B[j, c] * A[i, c] - B[i, c] * A[j, c]
+        w[k] = total / 2.0
 
 
 @compiled
@@ -19,13 +30,7 @@ def rotation_between(A, B, w):
     for r in range(3):
         for c in range(3):
             trace += A[r, c] * B[r, c]
-    # B A^T - A B^T
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        total = 0.0
-        for c in range(3):
-            total += B[j, c] * A[i, c] - B[i, c] * A[j, c]
-        w[k] = total / 2.0
+    sine_between(A, B, w)
     s = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     angle = acos(max(-1.0, min(1.0, (trace - 1.0) / 2.0))) if s > 1e-4 else s
     for k in range(3):
@@ -35,10 +40,9 @@ def rotation_between(A, B, w):
 @compiled
 def step_between(A, B, step):
     """step (6,): from pose A to pose B, (4, 4) each, m and rad along the base's axes."""
-    w = np.empty(3)
-    rotation_between(A, B, w)
+    rotation_between(A, B, step[3:])
     for r in range(3):
-        step[r], step[r + 3] = B[r, 3] - A[r, 3], w[r]
+        step[r] = B[r, 3] - A[r, 3]
 
 
 @compiled
@@ -68,43 +72,29 @@ def norm(v, first):
 
 @compiled
 def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
-    """Move q (7,) towards the pose T_goal of the end effector by one damped Newton step; return the error's norm.
+    """Move q (7,) towards the pose T_goal of the end effector by one damped Newton step.
 
     Without an elbow the smallest motion, with one joint 3 goes where the elbow says and the others make up for it.
     """
-    T, error, w = np.empty((4, 4)), np.empty(6), np.empty(3)
+    T, error = np.empty((4, 4)), np.empty(6)
     forward_kinematics(body, q)
     product(body.T, setting.face_T_EE, T)
-    rotation_between(T, T_goal, w)
-    for r in range(3):
-        error[r], error[r + 3] = T_goal[r, 3] - T[r, 3], w[r]
+    step_between(T, T_goal, error)
     # the Jacobian is that of the pad's face: move the error there
     lx, ly, lz = body.T[0, 3] - T[0, 3], body.T[1, 3] - T[1, 3], body.T[2, 3] - T[2, 3]
     error[0] += error[4] * lz - error[5] * ly
     error[1] += error[5] * lx - error[3] * lz
     error[2] += error[3] * ly - error[4] * lx
-    size = 0.0
-    for r in range(6):
-        size += error[r] * error[r]
-    J, JJ, L = body.J, body.JJ, body.factor
-    step3 = elbow - q[2] if with_elbow else 0.0
+    J, step3 = body.J, elbow - q[2] if with_elbow else 0.0
     if with_elbow:
         for r in range(6):
             error[r] -= J[r, 2] * step3
-    for i in range(6):
-        for k in range(i + 1):
-            total = 0.0
-            for j in range(JOINTS):
-                if not (with_elbow and j == 2):
-                    total += J[i, j] * J[k, j]
-            JJ[i, k] = total
-    if not cholesky(JJ, _IK_DAMPING * _IK_DAMPING, L):
-        return size
-    solve(L, error)
+            J[r, 2] = 0.0
+    gram(J, body.JJ)
+    if not cholesky(body.JJ, _IK_DAMPING * _IK_DAMPING, body.factor):
+        return
+    solve(body.factor, error)
+    q[2] += step3
     for j in range(JOINTS):
-        if with_elbow and j == 2:
-            q[j] += step3
-            continue
         for r in range(6):
             q[j] += J[r, j] * error[r]
-    return size

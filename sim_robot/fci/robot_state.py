@@ -1,6 +1,6 @@
 """RobotState: from what the sensors measured and the controllers want to what goes over the wire. Compiled."""
 
-from math import cos, floor, log, pi, sin, sqrt
+from math import cos, floor, log, pi, sqrt
 
 import numpy as np
 
@@ -135,11 +135,9 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
     T, lever, twist, wrench = np.empty((4, 4)), np.empty(3), np.empty(6), np.empty(6)
     for arm in range(states.shape[0]):
         state, body, setting, motion, wire = states[arm], measured[arm], settings[arm], motions[arm], wires[arm]
-        for j in range(JOINTS):
-            wire.q[j], wire.dq[j] = state.q[j], state.dq[j]
-            wire.theta[j], wire.dtheta[j] = state.theta[j], state.dtheta[j]
-            wire.tau_J[j], wire.dtau_J[j], wire.tau_J_d[j] = state.tau_J[j], state.dtau_J[j], state.tau_J_d[j]
-            wire.tau_ext_hat_filtered[j] = state.tau_ext_hat_filtered[j]
+        wire.q[:], wire.dq[:], wire.theta[:], wire.dtheta[:] = state.q, state.dq, state.theta, state.dtheta
+        wire.tau_J[:], wire.dtau_J[:], wire.tau_J_d[:] = state.tau_J, state.dtau_J, state.tau_J_d
+        wire.tau_ext_hat_filtered[:] = state.tau_ext_hat_filtered
         product(body.T, setting.face_T_EE, T)
         _columns(T, wire.O_T_EE)
         _columns(setting.F_T_EE, wire.F_T_EE)
@@ -147,17 +145,15 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         _columns(setting.F_T_NE, wire.F_T_NE)
         _columns(setting.NE_T_EE, wire.NE_T_EE)
         wire.m_ee, wire.m_load = setting.m_ee, setting.m_load
-        for i in range(9):
-            wire.I_ee[i], wire.I_load[i] = setting.I_ee[i], setting.I_load[i]
+        wire.I_ee[:], wire.I_load[:] = setting.I_ee, setting.I_load
+        wire.F_x_Cee[:], wire.F_x_Cload[:] = setting.F_x_Cee, setting.F_x_Cload
         for i in range(3):
-            wire.F_x_Cee[i], wire.F_x_Cload[i] = setting.F_x_Cee[i], setting.F_x_Cload[i]
             wire.O_ddP_O[i] = motion.base_shaken[i] + (GRAVITY_ACCELERATION if i == 2 else 0.0)
         wire.elbow[0], wire.elbow[1] = state.q[2], elbow_sign(state.q[3])
 
         # what is desired, and what the client commands
         if motion.following != 0:
-            for j in range(JOINTS):
-                motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = state.q[j], state.dq[j], 0.0
+            motion.q_d[:], motion.dq_d[:], motion.ddq_d[:] = state.q, state.dq, 0.0
         goal = desired[arm]
         forward_kinematics(goal, motion.q_d)
         if motion.cartesian == 0:
@@ -170,44 +166,36 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
             motion.O_dP_EE_c[:] = motion.O_dP_EE_d
             motion.elbow_c[0], motion.elbow_c[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
             motion.delbow_c[0], motion.ddelbow_c[0] = motion.dq_d[2], motion.ddq_d[2]
-        for j in range(JOINTS):
-            wire.q_d[j], wire.dq_d[j], wire.ddq_d[j] = motion.q_d[j], motion.dq_d[j], motion.ddq_d[j]
+        wire.q_d[:], wire.dq_d[:], wire.ddq_d[:] = motion.q_d, motion.dq_d, motion.ddq_d
         _columns(motion.O_T_EE_d, wire.O_T_EE_d)
         _columns(motion.O_T_EE_c, wire.O_T_EE_c)
-        for i in range(6):
-            wire.O_dP_EE_d[i], wire.O_dP_EE_c[i] = motion.O_dP_EE_d[i], motion.O_dP_EE_c[i]
-            wire.O_ddP_EE_c[i] = motion.O_ddP_EE_c[i]
+        wire.O_dP_EE_d[:], wire.O_dP_EE_c[:] = motion.O_dP_EE_d, motion.O_dP_EE_c
+        wire.O_ddP_EE_c[:] = motion.O_ddP_EE_c
         wire.elbow_d[0], wire.elbow_d[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
-        for i in range(2):
-            wire.elbow_c[i], wire.delbow_c[i] = motion.elbow_c[i], motion.delbow_c[i]
-            wire.ddelbow_c[i] = motion.ddelbow_c[i]
+        wire.elbow_c[:], wire.delbow_c[:], wire.ddelbow_c[:] = motion.elbow_c, motion.delbow_c, motion.ddelbow_c
 
         # what the robot carries of a load that was set
-        mass, Q = setting.m_load, body.T
-        product(Q, setting.face_T_F, T)
+        centre = setting.F_x_Cload
+        product(body.T, setting.face_T_F, T)
         for r in range(3):
-            centre = setting.F_x_Cload
             lever[r] = T[r, 3] + T[r, 0] * centre[0] + T[r, 1] * centre[1] + T[r, 2] * centre[2]
         for j in range(JOINTS):
             axis, origin = body.axes[j], body.origins[j]
             lift = axis[0] * (lever[1] - origin[1]) - axis[1] * (lever[0] - origin[0])
-            motors[arm].tau_load[j] = -GRAVITY_ACCELERATION * mass * lift
+            motors[arm].tau_load[j] = -GRAVITY_ACCELERATION * setting.m_load * lift
 
         # the wrench about K, along the base's axes and along K's
         product(body.T, setting.face_T_K, T)
+        wrench[:] = body.wrench
         for r in range(3):
             lever[r] = body.T[r, 3] - T[r, 3]
-            wrench[r] = body.wrench[r]
-        wrench[3] = body.wrench[3] + (lever[1] * wrench[2] - lever[2] * wrench[1])
-        wrench[4] = body.wrench[4] + (lever[2] * wrench[0] - lever[0] * wrench[2])
-        wrench[5] = body.wrench[5] + (lever[0] * wrench[1] - lever[1] * wrench[0])
-        for r in range(3):
-            wire.O_F_ext_hat_K[r], wire.O_F_ext_hat_K[r + 3] = wrench[r], wrench[r + 3]
+        wrench[3] += lever[1] * wrench[2] - lever[2] * wrench[1]
+        wrench[4] += lever[2] * wrench[0] - lever[0] * wrench[2]
+        wrench[5] += lever[0] * wrench[1] - lever[1] * wrench[0]
         for r in range(3):
             twist[r] = T[0, r] * wrench[0] + T[1, r] * wrench[1] + T[2, r] * wrench[2]
             twist[r + 3] = T[0, r] * wrench[3] + T[1, r] * wrench[4] + T[2, r] * wrench[5]
-        for i in range(6):
-            wire.K_F_ext_hat_K[i] = twist[i]
+        wire.O_F_ext_hat_K[:], wire.K_F_ext_hat_K[:] = wrench, twist
 
         # contact and collision by the client's thresholds: other ones while accelerating
         row = 2
@@ -221,11 +209,9 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         if _levels(twist, lower, upper, on, motion.cartesian_contact, motion.cartesian_collision):
             mask |= CARTESIAN_COLLISION
         collisions[arm] = mask
-        for j in range(JOINTS):
-            wire.joint_contact[j], wire.joint_collision[j] = motion.joint_contact[j], motion.joint_collision[j]
-        for i in range(6):
-            wire.cartesian_contact[i] = motion.cartesian_contact[i]
-            wire.cartesian_collision[i] = motion.cartesian_collision[i]
+        wire.joint_contact[:], wire.joint_collision[:] = motion.joint_contact, motion.joint_collision
+        wire.cartesian_contact[:] = motion.cartesian_contact
+        wire.cartesian_collision[:] = motion.cartesian_collision
         _accelerometers(body, state.q, motors[arm].dq, motion, wire)
 
 
@@ -253,12 +239,10 @@ def _accelerometers(body, q, dq, motion, wire):
     bottom[i] sits at joint i + 1, top[i] at joint i + 2. dq (7,) is the plant's own, so that this is the mean
     acceleration over the last millisecond, not what encoders tell anyway; each axis has noise of its own.
     """
-    R = np.empty((3, 3))
-    v, w, a = np.empty(3), np.empty(3), np.empty(3)
+    v, a = np.empty(3), np.empty(3)
     for i in range(6):
         # velocity of the origin of joint i + 2
-        for r in range(3):
-            v[r], w[r] = 0.0, 0.0
+        v[:] = 0.0
         point = body.origins[i + 1]
         for j in range(i + 1):
             x, z = body.origins[j], body.axes[j]
@@ -273,17 +257,8 @@ def _accelerometers(body, q, dq, motion, wire):
     if motion.started == 0:
         motion.noise = np.uint64(np.int64(q[0] * 1e15))  # the cell's seed decides it
     motion.started = 1
-    for r in range(3):
-        for c in range(3):
-            R[r, c] = 1.0 if r == c else 0.0
     for i in range(6):
-        P = body.T_parent_joint[i]
-        cq, sq = cos(q[i]), sin(q[i])
-        for r in range(3):
-            x = R[r, 0] * P[0, 0] + R[r, 1] * P[1, 0] + R[r, 2] * P[2, 0]
-            y = R[r, 0] * P[0, 1] + R[r, 1] * P[1, 1] + R[r, 2] * P[2, 1]
-            z = R[r, 0] * P[0, 2] + R[r, 1] * P[1, 2] + R[r, 2] * P[2, 2]
-            R[r, 0], R[r, 1], R[r, 2] = x * cq + y * sq, y * cq - x * sq, z
+        R = body.R[i]
         for end in range(2):
             for r in range(3):
                 a[r] = -GRAVITY_ACCELERATION if r == 2 else 0.0
