@@ -51,11 +51,8 @@ def pairs_of(model: mujoco.MjModel) -> NDArray[np.void]:
 def masks_of(model: mujoco.MjModel) -> NDArray[np.void]:
     """Return the MASKS (n,) of a model's geoms."""
     masks = np.zeros(model.ngeom, MASKS)
-    masks["contype"], masks["conaffinity"], masks["body"] = (
-        model.geom_contype,
-        model.geom_conaffinity,
-        model.geom_bodyid,
-    )
+    masks["contype"], masks["conaffinity"] = model.geom_contype, model.geom_conaffinity
+    masks["body"] = model.geom_bodyid
     return masks
 
 
@@ -64,18 +61,14 @@ def near_of(model: mujoco.MjModel, first_bodies: tuple[int, ...], object_body: i
     near = np.zeros(1, near_dtype(len(first_bodies), model.nq))
     size = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
     for arm, first in enumerate(first_bodies):
-        bodies = [body for body in range(model.nbody) if _hangs_on(model, body, first)]
+        # a body comes after what it hangs on
+        of_arm = (model.body_rootid == model.body_rootid[first]) & (np.arange(model.nbody) >= first)
+        bodies = np.flatnonzero(of_arm)
         lengths = np.linalg.norm(model.body_pos[bodies], axis=1).sum()
         near["reach"][0, arm] = lengths + max(size[np.isin(model.geom_bodyid, bodies)], default=0.0)
     near["object"] = size[model.geom_bodyid == object_body].max()
     near["qpos"], near["fixed"] = np.nan, fixed
     return near
-
-
-def _hangs_on(model: mujoco.MjModel, body: int, first: int) -> bool:
-    while body > first:
-        body = int(model.body_parentid[body])
-    return body == first
 
 
 @compiled

@@ -133,9 +133,6 @@ def judge_of_states(
     record["swing_velocity"] = tolerances.swing_velocity
     record["swings"] = _SWINGS_PER_HZ * tolerances.swing_rate_hz
     record["walls"] = tolerances.walls_lower, tolerances.walls_upper
-    limits = np.array([_rows(model.limits) for model in robots])
-    return bound(_judge, states, kinematics, judged, limits, record, masks)
-
-
-def _rows(limits: ArmLimits) -> list[NDArray[np.floating]]:
-    return [limits.q_lower, limits.q_upper, limits.dq_max, *limits.enforced_velocity_law(), limits.tau_max]
+    every = [model.limits for model in robots]
+    rows = [(own.q_lower, own.q_upper, own.dq_max, *own.enforced_velocity_law(), own.tau_max) for own in every]
+    return bound(_judge, states, kinematics, judged, np.array(rows), record, masks)

@@ -52,9 +52,7 @@ class DeskBox:
     def system(self) -> dict[str, Any]:
         """GET /api/system."""
         self._look()
-        return {
-            "status": "Started", "operatingMode": self.operating_mode(), "controlSerialNumber": self.serial,
-        }  # fmt: skip
+        return {"status": "Started", "operatingMode": self.operating_mode(), "controlSerialNumber": self.serial}
 
     def operating_mode(self) -> dict[str, Any]:
         """GET /api/system/operating-mode. A user stop that is pressed shows as SafetyRecovery."""
@@ -77,9 +75,7 @@ class DeskBox:
         """GET /api/system/control-token."""
         with self._changed:
             held = self._control
-            return {
-                "owner": held and held.owner, "tokenId": held and held.number, "requester": self._requested_by,
-            }  # fmt: skip
+            return {"owner": held and held.owner, "tokenId": held and held.number, "requester": self._requested_by}
 
     def self_tests(self) -> dict[str, Any]:
         """GET /api/safety/self-tests: remaining in s."""
