@@ -12,15 +12,8 @@ from mcap.records import Chunk, ChunkIndex
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError
-from rtstack.log.file.container import (
-    MESSAGE_HEADER,
-    RECORD_HEADER,
-    MessageTable,
-    chunk_data,
-    is_complete,
-    message_table,
-    open_mcap,
-)
+from rtstack.log.file import container
+from rtstack.log.file.container import MessageTable
 from rtstack.log.file.contents import Contents, contents_by_scan, contents_by_summary
 from rtstack.log.file.decoding import TopicDecoder, message_class
 from rtstack.log.video import KEY_NS, Decoder
@@ -86,13 +79,11 @@ class Log:
         records = self.topic(EVENT_TOPIC)
         return tuple(
             Event(
-                t_ns=int(record["t_ns"]),
-                level=Level(int(record["level"])) if record["level"] else Level.INFO,
-                name=bytes(record["name"]).decode(),
-                text=bytes(record["text"]).decode(),
+                int(record["t_ns"]), Level(int(record["level"])) if record["level"] else Level.INFO,
+                bytes(record["name"]).decode(), bytes(record["text"]).decode(),
             )
             for record in records[np.argsort(records["t_ns"], kind="stable")]
-        )
+        )  # fmt: skip
 
     def attachment(self, name: str) -> bytes | None:
         """Return the content of the file that is attached under a name, None where there is none."""
@@ -200,13 +191,15 @@ class Log:
     def times(self, topic: str) -> list[int]:
         """Return the log times of a topic's messages, ns, in order; from the index alone where there is one."""
         wanted, found = self._channels(topic), []
-        with open_mcap(self.path) as file:
+        with container.open_mcap(self.path) as file:
             for chunk in self._contents.chunks:
                 if isinstance(chunk, ChunkIndex):
                     offsets = [at for each, at in chunk.message_index_offsets.items() if each in wanted]
                     found += [_index_entries(file, offset)[1][:, 0] for offset in offsets]
                     continue
-                table = message_table(chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk))
+                table = container.message_table(
+                    chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
+                )
                 found.append(table.log_time_ns[np.isin(table.channel_id, wanted)])
         return np.sort(np.concatenate([np.zeros(0, np.int64), *found])).tolist()
 
@@ -222,7 +215,7 @@ class Log:
 
         span_ns: chunks that are indexed, and not in it, are left out.
         """
-        with open_mcap(self.path) as file:
+        with container.open_mcap(self.path) as file:
             for chunk in self._contents.chunks:
                 if isinstance(chunk, ChunkIndex):
                     if span_ns and (chunk.message_end_time < span_ns[0] or chunk.message_start_time > span_ns[1]):
@@ -233,7 +226,7 @@ class Log:
                     yield data, _indexed(file, data, offsets)
                     continue
                 data = chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
-                table = message_table(data)
+                table = container.message_table(data)
                 yield data, table.rows(np.isin(table.channel_id, wanted))
 
 
@@ -243,8 +236,8 @@ def read_log(path: Path, truncated: bool = False) -> Log:
     Raises LogError, with one clear line: no MCAP file, cut off, or not a log of ours.
     """
     path = Path(path)
-    with open_mcap(path) as file:
-        complete = is_complete(file)
+    with container.open_mcap(path) as file:
+        complete = container.is_complete(file)
         if not complete and not truncated:
             raise LogError(f"{path} is cut off (no summary): recover it with `rtstack recover {path}`")
         try:
@@ -254,28 +247,27 @@ def read_log(path: Path, truncated: bool = False) -> Log:
         except Exception as error:  # the library raises whatever half a record makes of it
             raise LogError(f"{path} is damaged: {error or type(error).__name__}") from error
     topics = {channel.topic for channel in contents.channels.values()}
-    for channel in contents.channels.values():
-        schema = contents.schemas.get(channel.schema_id)
-        if channel.topic in ARM_TOPICS and schema is not None and schema.name == ARM.schema:
-            return Log(path, contents, complete)
-    if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}:
-        return Log(path, contents, complete)  # ours, of a run that ended before its first tick
+    arms = (contents.schemas.get(each.schema_id) for each in contents.channels.values() if each.topic in ARM_TOPICS)
+    ours = any(schema is not None and schema.name == ARM.schema for schema in arms)
+    # or of a run that ended before its first tick
+    if ours or ({"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}):
+        return Log(path, contents, complete)
     raise LogError(f"{path} is an MCAP file but not a log of ours: topic {' or '.join(ARM_TOPICS)} is missing")
 
 
 def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:
     file.seek(offset)
     try:
-        header = file.read(RECORD_HEADER)
+        header = file.read(container.RECORD_HEADER)
         body = file.read(int.from_bytes(header[1:], "little"))
-        return chunk_data(Chunk.read(ReadDataStream(BytesIO(body))))
+        return container.chunk_data(Chunk.read(ReadDataStream(BytesIO(body))))
     except Exception as error:  # each decompressor has its own
         raise LogError(f"{path} is damaged at byte {offset}: {error or type(error).__name__}") from error
 
 
 def _index_entries(file: BinaryIO, offset: int) -> tuple[int, NDArray[np.int64]]:
     """Return the channel of an index record, and (n, 2): log time, place in the chunk."""
-    file.seek(offset + RECORD_HEADER)
+    file.seek(offset + container.RECORD_HEADER)
     channel_id = int.from_bytes(file.read(2), "little")
     entries = file.read(int.from_bytes(file.read(4), "little"))
     if len(entries) % 16:
@@ -290,16 +282,16 @@ def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
     for offset in offsets:
         channel_id, entries = _index_entries(file, offset)
         position = entries[:, 1]
-        if ((position < 0) | (position > len(data) - MESSAGE_HEADER)).any():
+        if ((position < 0) | (position > len(data) - container.MESSAGE_HEADER)).any():
             raise LogError(
                 f"{file.name} is damaged at byte {offset}: an index names messages that its chunk does not have"
             )
         # a message record is opcode, length (8 bytes), 22 bytes of numbers and times, and the message
-        lengths = bytes_of[position[:, None] + np.arange(1, RECORD_HEADER)].copy().view("<i8")[:, 0]
-        size = lengths - (MESSAGE_HEADER - RECORD_HEADER)
-        if ((size < 0) | (size > len(data) - MESSAGE_HEADER - position)).any():
+        lengths = bytes_of[position[:, None] + np.arange(1, container.RECORD_HEADER)].copy().view("<i8")[:, 0]
+        size = lengths - (container.MESSAGE_HEADER - container.RECORD_HEADER)
+        if ((size < 0) | (size > len(data) - container.MESSAGE_HEADER - position)).any():
             raise LogError(f"{file.name} is damaged at byte {offset}: an index names no messages of its chunk")
         channel = np.full(len(entries), channel_id)
-        columns.append(np.stack([channel, entries[:, 0], position + MESSAGE_HEADER, size]))
+        columns.append(np.stack([channel, entries[:, 0], position + container.MESSAGE_HEADER, size]))
     table = np.concatenate(columns, axis=1)
     return MessageTable(table[0], table[1], table[2], table[3])

@@ -37,14 +37,10 @@ class LogState(IntEnum):
 
 _CONTROL = np.dtype([("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("messages", "i8"), ("error", "S480")])
 # the writer's word and the log process's words on cache lines of their own
-_TOPIC = np.dtype(
-    {
-        "names": ["capacity", "itemsize", "head", "consumed", "lost"],
-        "formats": ["i8", "i8", "i8", "i8", "i8"],
-        "offsets": [0, 8, _CACHE_LINE, 2 * _CACHE_LINE, 2 * _CACHE_LINE + 8],
-        "itemsize": 3 * _CACHE_LINE,
-    }
-)
+_TOPIC = np.dtype({
+    "names": ["capacity", "itemsize", "head", "consumed", "lost"], "formats": ["i8"] * 5,
+    "offsets": [0, 8, _CACHE_LINE, 2 * _CACHE_LINE, 2 * _CACHE_LINE + 8], "itemsize": 3 * _CACHE_LINE,
+})  # fmt: skip
 _SLOTS_OFFSET = _CONTROL.itemsize + len(TOPICS) * _TOPIC.itemsize
 
 
@@ -152,11 +148,8 @@ class Rings:
     """All rings of a trial. The process that creates them owns the block and unlinks it in `close`."""
 
     def __init__(self, name: str, owned: shared_memory.SharedMemory | None) -> None:
-        descriptor = os.open(os.path.join(_DIRECTORY, name), os.O_RDWR | os.O_CLOEXEC)
-        try:
-            block = mmap.mmap(descriptor, 0)
-        finally:
-            os.close(descriptor)
+        with open(os.path.join(_DIRECTORY, name), "r+b") as file:
+            block = mmap.mmap(file.fileno(), 0)
         self.name = name
         self._owned = owned
         self._control = np.frombuffer(block, _CONTROL, 1)
@@ -181,11 +174,8 @@ class Rings:
         owned.close()  # we map it ourselves: views of SharedMemory.buf make its close fail
         try:
             # take the pages now: a write beyond the last free page would be a SIGBUS in the middle of a tick
-            descriptor = os.open(os.path.join(_DIRECTORY, name), os.O_RDWR | os.O_CLOEXEC)
-            try:
-                os.posix_fallocate(descriptor, 0, size)
-            finally:
-                os.close(descriptor)
+            with open(os.path.join(_DIRECTORY, name), "r+b") as file:
+                os.posix_fallocate(file.fileno(), 0, size)
             rings = cls(name, owned)
         except OSError as error:
             owned.unlink()

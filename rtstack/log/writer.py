@@ -71,15 +71,9 @@ class LogProcess:
 
     @classmethod
     def start(
-        cls,
-        path: Path,
-        rings: Rings,
-        metadata: Mapping[str, dict[str, str]],
-        attachments: Sequence[Attachment] = (),
-        description: CellFrames | None = None,
-        overwrite: bool = False,
-        cameras: Sequence[LoggedCamera] = (),
-    ) -> "LogProcess":
+        cls, path: Path, rings: Rings, metadata: Mapping[str, dict[str, str]], attachments: Sequence[Attachment] = (),
+        description: CellFrames | None = None, overwrite: bool = False, cameras: Sequence[LoggedCamera] = (),
+    ) -> "LogProcess":  # fmt: skip
         """Start writing `path` and return at once: what is pushed meanwhile waits in the rings.
 
         metadata: record name -> values, written at the start of the file, so that a killed log still has it.
@@ -95,13 +89,10 @@ class LogProcess:
             files = job.fileno(), log.fileno()
             process = subprocess.Popen(
                 [sys.executable, "-m", "rtstack.log.writing.process", *map(str, (*files, os.getpid()))],
-                stdin=subprocess.DEVNULL,
-                stdout=errors,
-                stderr=errors,
-                pass_fds=files,
+                stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, pass_fds=files,
                 start_new_session=True,  # Ctrl-C in the terminal must not end the log before the trial
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # it only copies: no pool of threads
-            )
+            )  # fmt: skip
         return cls(path, rings, process, job, errors)
 
     @property

@@ -123,19 +123,8 @@ class Lateness:
         """The worst cycles as lines of text, with a head; none where nothing was late."""
         if not self.late:
             return []
-        head = (
-            "t",
-            "arm",
-            "whose",
-            "late ms",
-            "outside us",
-            "cycle before",
-            "waking",
-            "socket",
-            "tick",
-            "missing",
-            "the host",
-        )
+        head = ("t", "arm", "whose", "late ms", "outside us", "cycle before", "waking", "socket", "tick", "missing",
+                "the host")  # fmt: skip
         rows = [
             (f"{one.t_s:.3f} s", one.side, str(one.blame), f"{1e-3 * one.late_us:.2f}", f"{one.outside_us:.0f}",
              f"{one.busy_us:.0f}", f"{one.wake_us:.0f}", f"{one.read_us:.0f}", f"{one.tick_us:.0f}",
@@ -191,8 +180,19 @@ def lateness(
 
 
 def state_delays_us(cycles: NDArray) -> NDArray:
-    """Return how much later than the least delayed ones around it each state came, (n,) of CYCLE records (n,)."""
-    return _outside(cycles["arrived_us"] - _oldest_us(cycles))
+    """Return how much later than the least delayed states around it each state came, (n,) of CYCLE records (n,).
+
+    A state's delay is the host's time of its arrival minus the robot's time. Of the least delays before and after it
+    the larger one counts, as it was one state before: so a clock that has stood still is late once.
+    """
+    delay_us = cycles["arrived_us"] - _oldest_us(cycles)
+    before, after = (
+        minimum_filter1d(delay_us, _WINDOW + 1, mode="nearest", origin=origin)
+        for origin in (_WINDOW // 2, -_WINDOW // 2)
+    )
+    line = np.maximum(before, after)
+    line[1:] = np.minimum(line[1:], line[:-1])
+    return np.maximum(0.0, delay_us - line)
 
 
 def _oldest_us(cycles: NDArray) -> NDArray:
@@ -240,21 +240,6 @@ def _late_cycles(side: str, cycles: NDArray, arm: NDArray, work: NDArray, start_
             )
         )  # fmt: skip
     return found
-
-
-def _outside(delay_us: NDArray) -> NDArray:
-    """Return how much later than the least delayed states around it each state came.
-
-    delay_us: the host's time of arrival minus the robot's time. Of the least ones before and after a state the larger
-    one counts, as it was one state before: so a clock that has stood still is late once.
-    """
-    before, after = (
-        minimum_filter1d(delay_us, _WINDOW + 1, mode="nearest", origin=origin)
-        for origin in (_WINDOW // 2, -_WINDOW // 2)
-    )
-    line = np.maximum(before, after)
-    line[1:] = np.minimum(line[1:], line[:-1])
-    return np.maximum(0.0, delay_us - line)
 
 
 def _unanswered(cycles: NDArray, arm: NDArray) -> NDArray:

@@ -12,18 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from hal.base.files import replacing
 from rtstack.log.errors import LogError
-from rtstack.log.file.container import (
-    MAGIC,
-    MESSAGE,
-    RawRecord,
-    chunk_data,
-    definitions,
-    is_complete,
-    open_mcap,
-    scan,
-    tail_chunk,
-    walk,
-)
+from rtstack.log.file import container
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +39,8 @@ def recover(
     is written.
     """
     path = Path(path)
-    with open_mcap(path) as source:
-        if is_complete(source):
+    with container.open_mcap(path) as source:
+        if container.is_complete(source):
             return RecoverySummary(None, complete=True)
         output = path.with_suffix(".recovered.mcap") if output is None else Path(output)
         if output.exists():
@@ -59,7 +48,7 @@ def recover(
         try:
             with replacing(output) as partial, open(partial, "wb") as target:
                 copy = _Copy(target)
-                _copy_all(source, copy, progress)
+                copy.add_all(source, progress)
                 if not copy.messages:
                     chunks = f", and {copy.damaged} chunks that cannot be read" if copy.damaged else ""
                     raise LogError(f"{path} holds nothing to recover: no complete message{chunks}; nothing was written")
@@ -67,19 +56,6 @@ def recover(
         except OSError as error:
             raise LogError(f"cannot write {output}: {error.strerror}") from error
     return RecoverySummary(output, False, copy.messages, copy.last_ns, copy.damaged)
-
-
-def _copy_all(source: BinaryIO, copy: "_Copy", progress: Callable[[int, int], None] | None) -> None:
-    total = os.fstat(source.fileno()).st_size
-    end = len(MAGIC)
-    if next((record.opcode for record in scan(source)), None) != Opcode.HEADER:
-        raise LogError(f"{source.name} holds nothing to recover")
-    for record in scan(source):
-        copy.add(record)
-        end = record.offset + record.size
-        if progress is not None:
-            progress(end, total)
-    copy.add_data(tail_chunk(source, end))
 
 
 class _Copy:
@@ -90,14 +66,26 @@ class _Copy:
         self._schemas, self._channels = {0: 0}, dict[int, int]()  # numbers in the new file, by those in the old one
         self.messages = self.last_ns = self.damaged = 0
 
-    def add(self, record: RawRecord) -> None:
+    def add_all(self, source: BinaryIO, progress: Callable[[int, int], None] | None) -> None:
+        """Copy what a file has, up to its last complete record. progress: see `recover`."""
+        total, end = os.fstat(source.fileno()).st_size, len(container.MAGIC)
+        if next((record.opcode for record in container.scan(source)), None) != Opcode.HEADER:
+            raise LogError(f"{source.name} holds nothing to recover")
+        for record in container.scan(source):
+            self.add(record)
+            end = record.offset + record.size
+            if progress is not None:
+                progress(end, total)
+        self.add_data(container.tail_chunk(source, end))
+
+    def add(self, record: container.RawRecord) -> None:
         """Copy what a record has; leave out, and count, one that is none inside."""
         try:
             if record.opcode == Opcode.HEADER:
                 header = Header.read(record.stream())
                 self._writer.start(header.profile, header.library)
             elif record.opcode == Opcode.CHUNK:
-                self.add_data(chunk_data(Chunk.read(record.stream())))
+                self.add_data(container.chunk_data(Chunk.read(record.stream())))
             elif record.opcode == Opcode.ATTACHMENT:
                 a = Attachment.read(record.stream())
                 self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
@@ -113,7 +101,7 @@ class _Copy:
 
     def add_data(self, data: bytes) -> None:
         """Copy the complete schemas, channels and messages of a chunk's data."""
-        schemas, channels = definitions(data)
+        schemas, channels = container.definitions(data)
         for number, schema in schemas.items():
             if number not in self._schemas:
                 self._schemas[number] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
@@ -122,12 +110,12 @@ class _Copy:
                 self._channels[number] = self._writer.register_channel(
                     channel.topic, channel.message_encoding, self._schemas[channel.schema_id], channel.metadata
                 )
-        for opcode, position, following in walk(data):
+        for opcode, position, following in container.walk(data):
             if opcode != Opcode.MESSAGE:
                 continue
-            _, _, number, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, position)
+            _, _, number, sequence, log_ns, publish_ns = container.MESSAGE.unpack_from(data, position)
             if number in self._channels:  # else a damaged chunk had its schema, without which no program can read it
-                content = data[position + MESSAGE.size : following]
+                content = data[position + container.MESSAGE.size : following]
                 self._writer.add_message(self._channels[number], log_ns, content, publish_ns, sequence)
                 self.messages, self.last_ns = self.messages + 1, max(self.last_ns, log_ns)
 

@@ -8,22 +8,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from foxglove.messages import (
-    ArrowPrimitive,
-    Color,
-    CubePrimitive,
-    CylinderPrimitive,
-    PackedElementField,
-    PackedElementFieldNumericType,
-    PointCloud,
-    Pose,
-    Quaternion,
-    SceneEntity,
-    SceneUpdate,
-    SpherePrimitive,
-    Timestamp,
-    Vector3,
-)
+from foxglove import messages as fox
 from numpy.typing import NDArray
 
 from rtstack.log.viewers.frames import WORLD, CellFrames, from_rpy
@@ -54,25 +39,25 @@ class Solids:
         for t in instants.t_ns.tolist():
             if self._next_ns is None or t >= self._next_ns:
                 self._next_ns = (t // SOLIDS_PERIOD_NS + 1) * SOLIDS_PERIOD_NS
-                due.append((t, SceneUpdate(entities=self._entities(stamp(t))).encode()))
+                due.append((t, fox.SceneUpdate(entities=self._entities(stamp(t))).encode()))
         return due
 
-    def _entities(self, now: Timestamp) -> list[SceneEntity]:
+    def _entities(self, now: fox.Timestamp) -> list[fox.SceneEntity]:
         return [
-            SceneEntity(
+            fox.SceneEntity(
                 timestamp=now, frame_id=link, id=link, frame_locked=True,
                 cubes=[
-                    CubePrimitive(pose=_pose(s), size=vector(s.size), color=Color(**_rgba(s)))
+                    fox.CubePrimitive(pose=_pose(s), size=vector(s.size), color=fox.Color(**_rgba(s)))
                     for s in shapes if s.kind == "box"
                 ],
                 cylinders=[
-                    CylinderPrimitive(
-                        pose=_pose(s), size=vector(s.size), bottom_scale=1.0, top_scale=1.0, color=Color(**_rgba(s))
+                    fox.CylinderPrimitive(
+                        pose=_pose(s), size=vector(s.size), bottom_scale=1.0, top_scale=1.0, color=fox.Color(**_rgba(s))
                     )
                     for s in shapes if s.kind == "cylinder"
                 ],
                 spheres=[
-                    SpherePrimitive(pose=_pose(s), size=vector(s.size), color=Color(**_rgba(s)))
+                    fox.SpherePrimitive(pose=_pose(s), size=vector(s.size), color=fox.Color(**_rgba(s)))
                     for s in shapes if s.kind == "sphere"
                 ],
             )
@@ -86,7 +71,7 @@ def force_messages(
     """Return the forces by which the pads push their environment, for each of the instants: arrows, (t_ns, SceneUpdate)
     each, and lines of points, (t_ns, PointCloud) each."""
     n = len(instants.t_ns)
-    entities: list[list[SceneEntity]] = [[] for _ in range(n)]
+    entities: list[list[fox.SceneEntity]] = [[] for _ in range(n)]
     points: list[list[bytes]] = [[] for _ in range(n)]
     stamps = instants.stamps()
     for side, T in cell.T_world_base.items():
@@ -99,15 +84,17 @@ def force_messages(
             newton = math.hypot(*F)
             shown = newton >= LEAST_N
             arrows = [_arrow(side, p, F, newton)] if shown else []
-            entities[row].append(SceneEntity(timestamp=stamps[row], frame_id=WORLD, id=f"{side}_force", arrows=arrows))
+            entities[row].append(
+                fox.SceneEntity(timestamp=stamps[row], frame_id=WORLD, id=f"{side}_force", arrows=arrows)
+            )
             points[row].append(_line(side, p, F) if shown else b"")
     times = instants.t_ns.tolist()
-    arrows = [(t, SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
+    arrows = [(t, fox.SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
     lines = [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
     return arrows, lines
 
 
-def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], newton: float) -> ArrowPrimitive:
+def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], newton: float) -> fox.ArrowPrimitive:
     x, y, z = (force / newton).tolist()
     # the shortest turn from +x, along which an arrow points, to the force; from -x half a turn about z
     w, turned = 1.0 + x, (0.0, -z, y)
@@ -115,10 +102,10 @@ def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], ne
     norm = math.sqrt(sum(part * part for part in q))  # not by BLAS, whose last bit is the processor's
     qw, qx, qy, qz = (part / norm for part in q)
     px, py, pz = start.tolist()
-    pose = Pose(position=Vector3(x=px, y=py, z=pz), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    pose = fox.Pose(position=fox.Vector3(x=px, y=py, z=pz), orientation=fox.Quaternion(x=qx, y=qy, z=qz, w=qw))
     red, green, blue = _FORCE_COLOURS[side]
     length = max(0.0, M_PER_N * newton - _ARROW["head_length"])
-    return ArrowPrimitive(pose=pose, shaft_length=length, color=Color(r=red, g=green, b=blue, a=1.0), **_ARROW)
+    return fox.ArrowPrimitive(pose=pose, shaft_length=length, color=fox.Color(r=red, g=green, b=blue, a=1.0), **_ARROW)
 
 
 def _line(side: str, start: NDArray[np.float64], force: NDArray[np.float64]) -> bytes:
@@ -128,33 +115,33 @@ def _line(side: str, start: NDArray[np.float64], force: NDArray[np.float64]) -> 
     return points.tobytes()
 
 
-def colour_fields(offset: int) -> list[PackedElementField]:
+def colour_fields(offset: int) -> list[fox.PackedElementField]:
     """Return the fields of a colour's four bytes, from this byte of a point or cell on."""
-    names, kind = ("red", "green", "blue", "alpha"), PackedElementFieldNumericType.Uint8
-    return [PackedElementField(name=name, offset=offset + k, type=kind) for k, name in enumerate(names)]
+    names, kind = ("red", "green", "blue", "alpha"), fox.PackedElementFieldNumericType.Uint8
+    return [fox.PackedElementField(name=name, offset=offset + k, type=kind) for k, name in enumerate(names)]
 
 
-def _cloud(now: Timestamp, data: bytes) -> bytes:
-    kinds = PackedElementFieldNumericType
+def _cloud(now: fox.Timestamp, data: bytes) -> bytes:
+    kinds = fox.PackedElementFieldNumericType
     fields = [
-        *(PackedElementField(name=name, offset=4 * k, type=kinds.Float32) for k, name in enumerate("xyz")),
+        *(fox.PackedElementField(name=name, offset=4 * k, type=kinds.Float32) for k, name in enumerate("xyz")),
         *colour_fields(12),
     ]
-    pose = Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
-    return PointCloud(
+    pose = fox.Pose(position=fox.Vector3(x=0.0, y=0.0, z=0.0), orientation=fox.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+    return fox.PointCloud(
         timestamp=now, frame_id=WORLD, pose=pose, point_stride=_POINT.itemsize, fields=fields, data=data
     ).encode()
 
 
-def _pose(shape: Shape) -> Pose:
+def _pose(shape: Shape) -> fox.Pose:
     w, x, y, z = from_rpy(np.array(shape.rpy)).tolist()
-    return Pose(position=vector(shape.position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+    return fox.Pose(position=vector(shape.position), orientation=fox.Quaternion(x=x, y=y, z=z, w=w))
 
 
-def vector(values: Iterable[float]) -> Vector3:
+def vector(values: Iterable[float]) -> fox.Vector3:
     """Return three numbers as Foxglove has them."""
     x, y, z = map(float, values)
-    return Vector3(x=x, y=y, z=z)
+    return fox.Vector3(x=x, y=y, z=z)
 
 
 def _rgba(shape: Shape) -> dict[str, float]:

@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 from rtstack.log.viewers.instants import stamp
 from rtstack.samples import Level
 
-_LEVELS: dict[int, LogLevel] = {
-    Level.DEBUG: LogLevel.Debug,
-    Level.INFO: LogLevel.Info,
-    Level.WARNING: LogLevel.Warning,
-    Level.ERROR: LogLevel.Error,
-    Level.FATAL: LogLevel.Fatal,
-}
+_LEVELS: dict[int, LogLevel] = {level: getattr(LogLevel, level.name.capitalize()) for level in Level}
 
 
 @dataclass(frozen=True, slots=True)

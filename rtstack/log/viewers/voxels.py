@@ -45,18 +45,10 @@ def _grid(body: str, solids: tuple[Shape, ...], t_ns: int) -> bytes:
     data = np.zeros((*rows, 4), np.uint8)  # nothing: fully transparent
     data[filled] = [round(255 * part) for part in solids[0].colour]
     return VoxelGrid(
-        timestamp=stamp(t_ns),
-        frame_id=body,
-        pose=pose,
-        row_count=rows[1],
-        column_count=rows[2],
-        cell_size=vector(size),
-        slice_stride=4 * rows[1] * rows[2],
-        row_stride=4 * rows[2],
-        cell_stride=4,
-        fields=colour_fields(0),
-        data=data.tobytes(),
-    ).encode()
+        timestamp=stamp(t_ns), frame_id=body, pose=pose, row_count=rows[1], column_count=rows[2],
+        cell_size=vector(size), slice_stride=4 * rows[1] * rows[2], row_stride=4 * rows[2], cell_stride=4,
+        fields=colour_fields(0), data=data.tobytes(),
+    ).encode()  # fmt: skip
 
 
 def _placed(box: Shape) -> Pose:

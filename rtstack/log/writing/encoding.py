@@ -29,14 +29,11 @@ from rtstack.topics import MESSAGES
 _Type = descriptor_pb2.FieldDescriptorProto
 
 
-def _enum_prefix(name: str) -> str:
-    return "".join("_" + c if c.isupper() and i else c for i, c in enumerate(name)).upper()
-
-
 def _add_enum(file: descriptor_pb2.FileDescriptorProto, enum: type[IntEnum]) -> None:
+    prefix = "".join("_" + c if c.isupper() and i else c for i, c in enumerate(enum.__name__)).upper()
     added = file.enum_type.add(name=enum.__name__)
     for member in enum:
-        added.value.add(name=f"{_enum_prefix(enum.__name__)}_{member.name}", number=int(member))
+        added.value.add(name=f"{prefix}_{member.name}", number=int(member))
 
 
 def _add_field(message: descriptor_pb2.DescriptorProto, field: Field) -> None:
@@ -75,8 +72,7 @@ def _add_comment(file: descriptor_pb2.FileDescriptorProto, path: list[int], text
 @cache
 def sample_descriptors() -> bytes:
     """Return the serialised FileDescriptorSet of all our messages: the schema data of each of our topics."""
-    files = descriptor_pb2.FileDescriptorSet(file=[sample_file()])
-    return files.SerializeToString(deterministic=True)
+    return descriptor_pb2.FileDescriptorSet(file=[sample_file()]).SerializeToString(deterministic=True)
 
 
 _VARINT, _I64, _LENGTH = 0, 1, 2  # wire types
@@ -167,7 +163,8 @@ class WireFormat:
         for field in self._masks:
             masks = records[field.name]
             for row in np.flatnonzero(masks).tolist():
-                tails[row] = tails.get(row, b"") + _names_of(field, int(masks[row]))
+                names = [name.encode() for bit, name in enumerate(field.bits) if int(masks[row]) >> bit & 1]
+                tails[row] = tails.get(row, b"") + b"".join(field.tag + varint(len(name)) + name for name in names)
         size, data = self.size, wire.tobytes()
         messages = [data[start : start + size] for start in range(0, len(data), size)]
         for row, tail in tails.items():
@@ -192,12 +189,9 @@ class WireFormat:
 
     def decode_tail(self, tail: bytes) -> dict[str, int] | None:
         """Return the bit masks whose names follow a template, by field; None if something else follows it."""
-        if tail not in self._masks_of_tail:
-            masks = self._parse_names(tail)
-            if masks is None:
-                return None
+        if tail not in self._masks_of_tail and (masks := self._parse_names(tail)) is not None:
             self._masks_of_tail[tail] = masks
-        return self._masks_of_tail[tail]
+        return self._masks_of_tail.get(tail)
 
     def _parse_names(self, tail: bytes) -> dict[str, int] | None:
         masks, position = {field.name: 0 for field in self._masks}, 0
@@ -212,11 +206,6 @@ class WireFormat:
                 return None
             masks[field.name] |= 1 << field.bits.index(name)
         return masks
-
-
-def _names_of(field: WireField, mask: int) -> bytes:
-    names = [name.encode() for bit, name in enumerate(field.bits) if mask >> bit & 1]
-    return b"".join(field.tag + varint(len(name)) + name for name in names)
 
 
 def _as_bytes(dtype: np.dtype, names: list[str]) -> np.dtype:

@@ -166,12 +166,8 @@ class McapWriter:
                 self.write_metadata("fault", evidence.fault)
         if result:
             self.write_metadata("result", texts(result))
-        account = {
-            "ended": ended,
-            "messages": str(sum(self.messages.values())),
-            "lost": str(sum(lost.values())),
-            "topics": json.dumps(counts),
-        }
+        messages, missed = (str(sum(each.values())) for each in (self.messages, lost))
+        account = {"ended": ended, "messages": messages, "lost": missed, "topics": json.dumps(counts)}
         self.write_metadata("log", account)
         self.close()
 

@@ -15,15 +15,7 @@ from typing import Any, BinaryIO
 
 import foxglove
 import numpy as np
-from foxglove.messages import (
-    CameraCalibration,
-    CompressedImage,
-    CompressedVideo,
-    FrameTransform,
-    FrameTransforms,
-    Quaternion,
-    Vector3,
-)
+from foxglove import messages as fox
 from numpy.typing import NDArray
 
 from rtstack.log.viewers.frames import WORLD
@@ -134,15 +126,17 @@ def camera_topics(name: str) -> tuple[str, str, str]:
 
 def camera_schemas(name: str, video: bool = False) -> dict[str, foxglove.Schema]:
     """Return the schema of each of a camera's topics. video: its pictures are H.264."""
-    kinds = (CompressedVideo if video else CompressedImage, CameraCalibration, FrameTransforms)
+    kinds = (fox.CompressedVideo if video else fox.CompressedImage, fox.CameraCalibration, fox.FrameTransforms)
     return {topic: kind.get_schema() for topic, kind in zip(camera_topics(name), kinds, strict=True)}
 
 
 def picture_message(name: str, t_ns: int, picture: bytes, video: bool = False) -> bytes:
     """Return the message of a camera's picture, JPEG, or a part of H.264 where it is video."""
     if video:
-        return CompressedVideo(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="h264").encode()
-    return CompressedImage(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="jpeg").encode()
+        return fox.CompressedVideo(
+            timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="h264"
+        ).encode()
+    return fox.CompressedImage(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="jpeg").encode()
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,17 +172,17 @@ class LoggedCamera:
         """Return its calibration and its frame."""
         _, calibration, frame = self.topics
         k, (x, y, z, qw, qx, qy, qz) = self.K, self.pose
-        said = CameraCalibration(
+        said = fox.CameraCalibration(
             timestamp=stamp(t_ns), frame_id=self.frame, width=self.width, height=self.height,
             distortion_model="plumb_bob" if self.D else "", D=list(self.D), K=list(k),
             R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             P=[k[0], k[1], k[2], 0.0, k[3], k[4], k[5], 0.0, k[6], k[7], k[8], 0.0],
         )  # fmt: skip
-        place = FrameTransform(
+        place = fox.FrameTransform(
             timestamp=stamp(t_ns), parent_frame_id=WORLD, child_frame_id=self.frame,
-            translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+            translation=fox.Vector3(x=x, y=y, z=z), rotation=fox.Quaternion(x=qx, y=qy, z=qz, w=qw),
         )  # fmt: skip
-        return {calibration: [(t_ns, said.encode())], frame: [(t_ns, FrameTransforms(transforms=[place]).encode())]}
+        return {calibration: [(t_ns, said.encode())], frame: [(t_ns, fox.FrameTransforms(transforms=[place]).encode())]}
 
     def message(self, t_ns: int, picture: bytes) -> bytes:
         """Return a picture's message."""
@@ -213,9 +207,12 @@ class PictureDrain:
         """Return the messages since the last call, by topic. newest_ns: of the newest sample: a camera is not asked for
         more than the samples that it could have seen."""
         made: dict[str, list[tuple[int, bytes]]] = {}
-        if self._cameras and not self._full and _free(self._file) < RESERVE_BYTES:
-            self._full = True
-            self._events.append((Level.WARNING, f"no more pictures: the disk has less than {RESERVE_BYTES >> 20} MB"))
+        if self._cameras and not self._full:
+            disk = os.fstatvfs(self._file.fileno())
+            self._full = disk.f_bavail * disk.f_frsize < RESERVE_BYTES
+            if self._full:
+                text = f"no more pictures: the disk has less than {RESERVE_BYTES >> 20} MB"
+                self._events.append((Level.WARNING, text))
         for camera, ring in self._cameras:
             pictures = ring.drain()
             if pictures and not self._full:
@@ -259,8 +256,3 @@ class PictureDrain:
         """Let go of the rings."""
         for _, ring in self._cameras:
             ring.close()
-
-
-def _free(file: BinaryIO) -> int:
-    state = os.fstatvfs(file.fileno())
-    return state.f_bavail * state.f_frsize
