@@ -12,14 +12,8 @@ from pydantic.dataclasses import dataclass as checked
 from pydantic.json_schema import SkipJsonSchema
 
 from rtstack.messages import MESSAGE
-from rtstack.trials.specification import (
-    DemonstrationSpecification,
-    MoveSpecification,
-    ObjectName,
-    PlaybackSpecification,
-    TeleoperationSpecification,
-    TrialSpecification,
-)
+from rtstack.trials import specification
+from rtstack.trials.specification import ObjectName
 
 LogId = Annotated[str, Field(min_length=1, max_length=128)]
 # a key that a body may not have: it accepts its default alone, and is neither described nor answered
@@ -30,7 +24,7 @@ _NoEntries = SkipJsonSchema[Annotated[tuple[()], Field(exclude=True)]]
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class TrialOrder(TrialSpecification):
+class TrialOrder(specification.TrialSpecification):
     """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y and x,
     mm, and about z; `reaction`: to an impact that was not meant; `law_inertia`: the mass matrix of the controller's
     law, null: the cell's.
@@ -42,7 +36,7 @@ class TrialOrder(TrialSpecification):
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class DemonstrationOrder(DemonstrationSpecification):
+class DemonstrationOrder(specification.DemonstrationSpecification):
     """A scripted demonstration."""
 
     object: ObjectName = field(kw_only=True)
@@ -52,7 +46,7 @@ class DemonstrationOrder(DemonstrationSpecification):
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class TeleoperationOrder(TeleoperationSpecification):
+class TeleoperationOrder(specification.TeleoperationSpecification):
     """The arms are moved by hand. recorded: as a recording, from home; stop_on_release: it ends with a clutch that is
     released.
     """
@@ -63,7 +57,7 @@ class TeleoperationOrder(TeleoperationSpecification):
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class MoveOrder(MoveSpecification):
+class MoveOrder(specification.MoveSpecification):
     """The arms move by themselves from where they are."""
 
     object: _NoText = ""
@@ -71,7 +65,7 @@ class MoveOrder(MoveSpecification):
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class PlaybackOrder(PlaybackSpecification):
+class PlaybackOrder(specification.PlaybackSpecification):
     """A log is played on the arms. `log` is its id, speed times the log's own."""
 
     source: Annotated[LogId, Field(alias="log")]

@@ -70,30 +70,19 @@ class Queue:
         last = order.trial.seed + order.repetitions - 1
         if last > MOST_SEED:
             raise Refused(409, f"seed: the last repetition would have {last}, beyond {MOST_SEED}; choose a lower one")
-        return self.add_all(
-            [replace(order.trial, seed=order.trial.seed + number) for number in range(order.repetitions)], followed
-        )
+        return self.add_all([replace(order.trial, seed=seed) for seed in range(order.trial.seed, last + 1)], followed)
 
     def add_all(self, trials: Sequence[TrialOrder], followed: str) -> QueueView:
         """Append trials, an entry each. Raises Refused where there is no room for all of them."""
         with self._lock:
             if len(trials) > self.room:
-                raise Refused(
-                    409,
-                    f"these are {len(trials)} trials, and the queue has room for {self.room} more: "
-                    "clear what is finished, or remove some",
-                )
+                room = f"these are {len(trials)} trials, and the queue has room for {self.room} more"
+                raise Refused(409, f"{room}: clear what is finished, or remove some")
             if self.operator is None and self.next() is None:
                 self._reason = _NEW
-            return self._keep(
-                [
-                    *self._entries,
-                    *(
-                        Entry(secrets.token_hex(8), trial, followed, number, len(trials))
-                        for number, trial in enumerate(trials, start=1)
-                    ),
-                ]
-            )
+            numbered = enumerate(trials, start=1)
+            added = [Entry(secrets.token_hex(8), trial, followed, k, len(trials)) for k, trial in numbered]
+            return self._keep([*self._entries, *added])
 
     def move(self, entry_id: str, to: int) -> QueueView:
         """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last.
@@ -122,17 +111,16 @@ class Queue:
     def clear(self, finished_only: bool) -> QueueView:
         """Take off what is finished, or everything but what runs."""
         with self._lock:
-            return self._keep(
-                [e for e in self._entries if not (e.final or (e.state is EntryState.WAITING and not finished_only))]
-            )
+            kept = (EntryState.RUNNING, EntryState.WAITING) if finished_only else (EntryState.RUNNING,)
+            return self._keep([entry for entry in self._entries if entry.state in kept])
 
     def entry(self, entry_id: str) -> Entry:
         """Return an entry. Raises Refused."""
         with self._lock:
-            for entry in self._entries:
-                if entry.id == entry_id:
-                    return entry
-            raise Refused(404, "there is no such entry in the queue; look at the list again")
+            known = next((entry for entry in self._entries if entry.id == entry_id), None)
+            if known is None:
+                raise Refused(404, "there is no such entry in the queue; look at the list again")
+            return known
 
     # whether it runs
 

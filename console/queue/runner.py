@@ -16,7 +16,7 @@ from console.refused import Refused
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Job, JobState, Phase, RunRequest, Status
 from rtstack.log.errors import LogError
-from rtstack.log_folder.catalogue import Catalogue, LogEntry
+from rtstack.log_folder.catalogue import Catalogue
 from rtstack.log_folder.log_rows import NoReference, log_row, reference_of
 from rtstack.trials.specification import TrialSpecification, like
 
@@ -29,7 +29,7 @@ class QueueRunner:
     """The thread. client: its own, with a short patience; `learn` takes what an order's answer says."""
 
     def __init__(
-        self, queue: Queue, client: RobotClient, catalogue: Catalogue, learn: Callable[[Status], None]
+        self, queue: Queue, client: RobotClient, catalogue: Catalogue, learn: Callable[[Status], object]
     ) -> None:
         self._queue = queue
         self._client = client
@@ -122,7 +122,9 @@ class QueueRunner:
         pause = self._why_pause(state, reason, job, status)
         if pause is not None:
             queue.pause(pause)
-        began_s, log = job.started_s, self._log(job.log)
+        began_s, log = job.started_s, None
+        with contextlib.suppress(LogError):
+            log = next((entry for entry in self._catalogue.entries() if entry.path.name == job.log), None)
         queue.note(
             entry.id, state=state, reason=reason, log=None if log is None else log.id, began_s=began_s,
             duration_s=max(0.0, time.time() - began_s), ending=None if log is None else log_row(log, None).ending,
@@ -138,9 +140,4 @@ class QueueRunner:
             return f"a trial failed: {reason}"
         if not status.simulated and self._queue.next() is not None:
             return "put the object in its place for the next trial, then start again"  # no robot does
-        return None
-
-    def _log(self, name: str | None) -> LogEntry | None:
-        with contextlib.suppress(LogError):
-            return next((entry for entry in self._catalogue.entries() if entry.path.name == name), None)
         return None

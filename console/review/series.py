@@ -202,37 +202,32 @@ class Tabled:
     offset_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """The samples of a topic in a window: t_ns (n,) after the table's zero, from row `first` on."""
-
-    columns: Columns
-    t_ns: NDArray[np.int64]
-    first: int
-
-
 def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float, end_s: float) -> Iterator[str]:
     """Yield a table of every sample in a window: t_s and each log's signals; empty where one has none at that time."""
     yield ",".join(["t_s", *(f"{log.prefix}{signal.name}" for log in logs for signal in signals)]) + "\n"
     cells = [(_rows_in_window(log, signal.topic, start_s, end_s), signal) for log in logs for signal in signals]
-    times = np.unique(np.concatenate([rows.t_ns for rows, _ in cells if rows is not None] or [np.zeros(0, np.int64)]))
+    times = np.unique(np.concatenate([rows[1] for rows, _ in cells if rows is not None] or [np.zeros(0, np.int64)]))
     for part in range(0, len(times), 10_000):  # pieces: a whole log is a hundred megabytes of text
         t_ns = times[part : part + 10_000]
         table = np.full((len(t_ns), len(cells)), "", object)
         for number, (rows, signal) in enumerate(cells):
-            if rows is None or not len(rows.t_ns):
+            if rows is None or not len(rows[1]):
                 continue
-            places = np.searchsorted(rows.t_ns, t_ns)
-            here = rows.t_ns[np.minimum(places, len(rows.t_ns) - 1)] == t_ns
-            values = rows.columns.value(signal.column)[rows.first + places[here]]
+            columns, own_ns, first = rows
+            places = np.searchsorted(own_ns, t_ns)
+            here = own_ns[np.minimum(places, len(own_ns) - 1)] == t_ns
+            values = columns.value(signal.column)[first + places[here]]
             table[here, number] = [f"{value:.8g}" for value in values.tolist()]
         yield "".join(f"{t * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True))
 
 
-def _rows_in_window(table: Tabled, topic: str, start_s: float, end_s: float) -> _Rows | None:
+def _rows_in_window(
+    table: Tabled, topic: str, start_s: float, end_s: float
+) -> tuple[Columns, NDArray[np.int64], int] | None:
+    """Return a topic's samples in a window: columns, times (n,), ns after the table's zero, and the first one's row."""
     columns = table.log.of(topic)
     if columns is None:
         return None
     zero_ns = table.log.index.start_ns - round(table.offset_s * 1e9)
     first, last = _places(columns.t_ns, zero_ns, start_s, end_s)
-    return _Rows(columns, columns.t_ns[first:last] - zero_ns, first)
+    return columns, columns.t_ns[first:last] - zero_ns, first

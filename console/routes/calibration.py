@@ -1,5 +1,6 @@
 """The cell's calibration: points, what they give, and the cell's file."""
 
+from dataclasses import asdict
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path
@@ -55,14 +56,7 @@ def put(
     name: _Name, point: PlacedPoint | StandingPoint | FreePoint, session: NeedsSession, parts: NeedsParts
 ) -> CalibrationView:
     """Add a point that is to be measured."""
-    match point:
-        case PlacedPoint():
-            added = Point(point.what, point.side, point.place)
-        case StandingPoint():
-            added = Point(point.what, place=point.place, object=point.object)
-        case FreePoint():
-            added = Point(point.what)
-    parts.calibration.put(name, added)
+    parts.calibration.put(name, Point(**asdict(point)))
     return parts.calibration.view()
 
 

@@ -57,10 +57,13 @@ class Admission:
 
 
 @dataclass(slots=True)
-class _Clock:
-    """The limits of console's time minus sender's, ns, of the last generation and this one."""
+class _Sender:
+    """The newest command's number, and the limits of console's time minus sender's, ns, of the last generation and this
+    one.
+    """
 
     began_ns: int
+    sequence: int = -1
     least: list[float] = field(default_factory=lambda: [float("-inf")] * 2)
     most: list[float] = field(default_factory=lambda: [float("inf")] * 2)
 
@@ -76,12 +79,6 @@ class _Clock:
     def limits(self) -> tuple[float, float]:
         """The least and the most that holds now, whatever the clocks have drifted since they were found."""
         return max(self.least) - _DRIFT_NS, min(self.most) + _DRIFT_NS
-
-
-@dataclass(slots=True)
-class _Sender:
-    clock: _Clock
-    sequence: int = -1
 
 
 class Gate:
@@ -109,7 +106,7 @@ class Gate:
             return Admission(Drop.OTHER, _UNKNOWN)
         made, seen = 1e6 * stamp.made_ms, 1e6 * stamp.seen_ms
         key = (operator, stamp.sender)
-        sender = self._senders.pop(key, None) or _Sender(_Clock(now_ns))
+        sender = self._senders.pop(key, None) or _Sender(now_ns)
         self._senders[key] = sender  # the newest one is the last one
         while len(self._senders) > _SENDERS:
             del self._senders[next(iter(self._senders))]
@@ -118,10 +115,10 @@ class Gate:
         sender.sequence = stamp.sequence
         if made < seen:
             return Admission(Drop.OTHER, _CLOCK)
-        if not sender.clock.add(now_ns, picture_ns - seen, now_ns - made):
-            sender.clock = _Clock(now_ns)
+        if not sender.add(now_ns, picture_ns - seen, now_ns - made):
+            self._senders[key] = _Sender(now_ns, stamp.sequence)
             return Admission(Drop.OTHER, _CLOCK)
-        least, most = sender.clock.limits
+        least, most = sender.limits
         age_ns = now_ns - made - least
         if age_ns > OLDEST_COMMAND_S * 1e9:
             return Admission(Drop.OLD, f"it is {age_ns * 1e-6:.0f} ms old, {1e3 * OLDEST_COMMAND_S:.0f} ms are allowed")
