@@ -7,7 +7,6 @@ input: a line there says that the robot process is ready. Prints one line on sta
 address with the one-time token.
 """
 
-import argparse
 import asyncio
 import gc
 import os
@@ -21,7 +20,7 @@ from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from console.address import Address
 from console.app import create_app
-from console.parts import Parts, assemble
+from console.parts import assemble
 from console.refused import Refused
 from console.server import server_settings
 from hal.base.configuration import ConfigurationError
@@ -70,7 +69,11 @@ def main(arguments: list[str] | None = None) -> int:
         stack.enter_context(listener)
         try:
             tls = Authority.of_user().serve(host) if asked.https else None
-            parts = _parts(asked, address, stack)
+            cell, name = described_as(asked.cell, asked.kind), f"{asked.name}-mailbox"
+            mailbox = stack.enter_context(closing(Mailbox.attach(name)))
+            rings, robot = Rings.attach(find_rings(asked.run)), asked.run / SOCKET_NAME
+            profile = profile_of(asked.kind)
+            parts = assemble(stack, address, cell, asked.cell, asked.logs, robot, mailbox, rings, profile)
         except (ConfigurationError, MailboxError, LogError, Refused, OSError) as error:
             print(f"console: {error}", file=sys.stderr)
             return 2
@@ -82,13 +85,6 @@ def main(arguments: list[str] | None = None) -> int:
             watch_parent(lambda: setattr(server, "should_exit", True))
         asyncio.run(server.serve([listener]))
     return 0
-
-
-def _parts(asked: argparse.Namespace, address: Address, stack: ExitStack) -> Parts:
-    cell = described_as(asked.cell, asked.kind)
-    mailbox = stack.enter_context(closing(Mailbox.attach(f"{asked.name}-mailbox")))
-    rings, socket_path = Rings.attach(find_rings(asked.run)), asked.run / SOCKET_NAME
-    return assemble(stack, address, cell, asked.cell, asked.logs, socket_path, mailbox, rings, profile_of(asked.kind))
 
 
 if __name__ == "__main__":

@@ -17,28 +17,11 @@ from console.guard import Guard
 from console.live.heartbeats import heartbeat
 from console.parts import Parts, parts_of
 from console.refused import Refused
-from console.routes import (
-    access,
-    calibration,
-    cameras,
-    campaigns,
-    control,
-    description,
-    jobs,
-    layouts,
-    live,
-    logs,
-    pages,
-    policy,
-    queue,
-    recordings,
-    retention,
-    review,
-    scene,
-    teleoperation,
-    training,
-    trials,
-)
+
+from console.routes import (  # isort: skip
+    access, calibration, cameras, campaigns, control, description, jobs, layouts, live, logs, pages, policy, queue,
+    recordings, retention, review, scene, teleoperation, training, trials,
+)  # fmt: skip
 from console.routes.description import describe, operation_id
 from console.routes.problems import problems
 from console.templates import error_page, is_page

@@ -18,6 +18,7 @@ _MAX_SESSIONS = 64  # of browsers
 INVITATION_S = 600.0
 _MAX_INVITATIONS = 32
 PAIRING_S = 120.0
+_now_s = time.monotonic
 CODE_DIGITS, MAX_GUESSES = 6, 5  # five guesses at a million: one in 200,000 is right
 
 
@@ -110,9 +111,8 @@ class SignIn:
                 return None
             self._code = None
             session = self._begin(known.scope, instead_of)
-        self._audit.note(
-            "sign in", session.operator, f"{session.operator} signed in in a browser by a code: {session.scope}"
-        )
+        text = f"{session.operator} signed in in a browser by a code: {session.scope}"
+        self._audit.note("sign in", session.operator, text)
         return session
 
     def redeem(self, token: str, instead_of: UserSession | None = None) -> UserSession | None:
@@ -240,10 +240,6 @@ class SignIn:
 def csrf_matches(session: UserSession, word: str | None) -> bool:
     """Whether a request carries the session's word."""
     return word is not None and _same(word, session.csrf)
-
-
-def _now_s() -> float:
-    return time.monotonic()
 
 
 def _same(left: str, right: str) -> bool:

@@ -18,6 +18,7 @@ from rtstack.samples import Mode
 _PEAK_SAMPLES = 3  # 60 ms: a page sees a view every 50 ms
 _GAP_NS = 200_000_000  # a longer one is no motion that was seen
 NEVER_S = 1e6  # an age before the first record
+_ROBOT_MODES, _MODES = ({int(member): member.name for member in kind} for kind in (RobotMode, Mode))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +69,19 @@ class ArmWatch:
             if np.abs(record["dq"]).max() > REST_DQ:
                 self.moved_s = now_s
         self.q = record["q"][0]
-        speed = self._take_pad(record[0], control)
+        self.measured, self.force = in_world(self._base, record[0])
+        told = None if control is None or control["mode"][0] != Mode.TELEOPERATION else control[0]
+        self.told = None if told is None else told["pose_ref"].copy()
         rate = float(record["control_command_success_rate"][0])
         self._peaks.append(self._largest_force())
         return ArmView(
-            robot_mode=_name(RobotMode, record["robot_mode"][0]),
+            robot_mode=_ROBOT_MODES.get(int(record["robot_mode"][0]), "UNKNOWN"),
             errors=error_names(int(record["current_errors"][0])),
-            mode="UNKNOWN" if control is None else _name(Mode, control["mode"][0]),
+            mode="UNKNOWN" if control is None else _MODES.get(int(control["mode"][0]), "UNKNOWN"),
             age_s=now_s - self.changed_s,
             success_rate=rate if np.isfinite(rate) else 0.0,
-            force_n=float(np.linalg.norm(self.force)) if self.force is not None else None,
-            speed_m_s=speed,
+            force_n=float(np.linalg.norm(self.force)),
+            speed_m_s=None if told is None else float(np.linalg.norm(told["twist_ref"][:3])),
             peak_force_n=max(self._peaks),
             pad_speed_m_s=self._pad_speed(t_ns, record["O_T_EE"][0][:3, 3]),
         )
@@ -102,13 +105,6 @@ class ArmWatch:
             return 0.0 if before is not None and t_ns == before[0] else None
         return float(np.linalg.norm(place - before[1])) / (1e-9 * (t_ns - before[0]))
 
-    def _take_pad(self, record: Any, control: NDArray | None) -> float | None:
-        """Take where the pad is, in the world, what it was told, and what it feels; return its speed, m/s."""
-        self.measured, self.force = in_world(self._base, record)
-        led = control is not None and int(control["mode"][0]) == Mode.TELEOPERATION
-        self.told = control["pose_ref"][0].copy() if led and control is not None else None
-        return float(np.linalg.norm(control["twist_ref"][0][:3])) if led and control is not None else None
-
 
 def in_world(base: Frame, record: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where a pad is, (7,) m and wxyz, and the force on it, (3,) N, in the world. record: of ARM_SAMPLE."""
@@ -116,10 +112,3 @@ def in_world(base: Frame, record: Any) -> tuple[NDArray[np.float64], NDArray[np.
     pose[:3] = base.translation + base.rotation @ frame[:3, 3]
     quaternion_from_rotation(np.ascontiguousarray(base.rotation @ frame[:3, :3]), pose[3:])
     return pose, -(base.rotation @ record["O_F_ext_hat_K"][:3])
-
-
-def _name(kind: type[RobotMode] | type[Mode], value: object) -> str:
-    try:
-        return kind(int(value)).name  # type: ignore[call-overload]
-    except ValueError:
-        return "UNKNOWN"

@@ -175,9 +175,10 @@ class Watch:
         status = self._status[0]
         return {} if status is None or status.job is None else status.job.cameras
 
-    def learn(self, status: Status) -> None:
-        """Take a status that an answer brought along, so that a page sees its own order at once."""
+    def learn(self, status: Status) -> Status:
+        """Take a status that an answer brought along, so that a page sees its own order at once; return it."""
         self._status = (status, time.monotonic(), None)
+        return status
 
     def _watch_rings(self) -> None:
         samples = 0

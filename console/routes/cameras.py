@@ -41,7 +41,7 @@ async def stream(websocket: WebSocket, camera: str) -> None:
             while True:
                 await window.acquire()
                 while (message := pictures.next()) is None and not client.done():
-                    await asyncio.sleep(_LOOK_S if pictures.shown else _REST_S)
+                    await asyncio.sleep(_REST_S if pictures.ring is None else _LOOK_S)
                 if message is None or session_now(websocket) is None:
                     break
                 await websocket.send_bytes(message)
@@ -56,23 +56,18 @@ class _Pictures:
     def __init__(self, watch: Watch, camera: str) -> None:
         self._watch, self._camera = watch, camera
         self._arm = watch.rings.reader(f"/{watch.sides[0]}/arm")
-        self._ring: str | None = None  # its name
+        self.ring: str | None = None  # its name, None while there is no picture
         self._pictures = NewestPictures({})
         self._sent: Picture | None = None
-
-    @property
-    def shown(self) -> bool:
-        """Whether there may be a picture."""
-        return self._ring is not None
 
     def next(self) -> bytes | None:
         """Return the message of the newest picture, None where it was sent already, or there is none."""
         name = self._watch.cameras().get(self._camera)
-        if name != self._ring:
+        if name != self.ring:
             self.close()
             with contextlib.suppress(OSError):  # the job has just ended
                 self._pictures = NewestPictures({} if name is None else {self._camera: name})
-                self._ring = name
+                self.ring = name
         picture, arm = self._pictures.at(_EVER_NS).get(self._camera), self._arm.latest()
         if picture is None or picture is self._sent or arm is None:
             return None
@@ -83,4 +78,4 @@ class _Pictures:
     def close(self) -> None:
         """Let go of the ring."""
         self._pictures.close()
-        self._pictures, self._ring = NewestPictures({}), None
+        self._pictures, self.ring = NewestPictures({}), None

@@ -40,7 +40,7 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
         if named.operator != session.operator and parts.client.status().holder == named.operator:
             # a program without a session, or what is left of one: its name is free, its lease is not
             raise RobotRefused(f"{named.operator} has control; choose another name, or take over")
-        return _learn(parts, parts.client.take(named.operator, order.over_from))
+        return parts.watch.learn(parts.client.take(named.operator, order.over_from))
     except (RobotRefused, RobotUnreachable):
         parts.sign_in.rename(session, session.operator)
         raise
@@ -49,7 +49,7 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
 @router.post("/release")
 def release(session: NeedsSession, parts: NeedsParts) -> Status:
     """Give control back; what moves stops."""
-    return _learn(parts, parts.client.release(session.operator))
+    return parts.watch.learn(parts.client.release(session.operator))
 
 
 @router.post("/beat")
@@ -67,13 +67,13 @@ async def beat(session: NeedsSession, parts: NeedsParts) -> Status:
 @router.post("/arm")
 def arm(session: NeedsSession, parts: NeedsParts) -> Status:
     """Allow motion."""
-    return _learn(parts, parts.client.arm(session.operator))
+    return parts.watch.learn(parts.client.arm(session.operator))
 
 
 @router.post("/disarm")
 def disarm(session: NeedsSession, parts: NeedsParts) -> Status:
     """Allow no motion any more; what moves stops."""
-    return _learn(parts, parts.client.disarm(session.operator))
+    return parts.watch.learn(parts.client.disarm(session.operator))
 
 
 @router.post("/stop")
@@ -87,15 +87,10 @@ async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundT
 @router.post("/recover")
 def recover(session: NeedsSession, parts: NeedsParts) -> Status:
     """In a fault: ask both arms to clear what they have latched; the answer says why they refuse."""
-    return _learn(parts, parts.client.recover(session.operator))
+    return parts.watch.learn(parts.client.recover(session.operator))
 
 
 async def report_stop(parts: Parts, session: UserSession) -> None:
     """Tell the robot process whose STOP it was, for the record: the arms stop without it."""
     with contextlib.suppress(RobotRefused, RobotUnreachable):
         await asyncio.to_thread(parts.client.stop, session.operator)
-
-
-def _learn(parts: Parts, status: Status) -> Status:
-    parts.watch.learn(status)
-    return status

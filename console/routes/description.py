@@ -6,9 +6,7 @@ A route's summary is the first sentence of its docstring.
 """
 
 import re
-from importlib.metadata import version
-from importlib.util import find_spec
-from pathlib import Path
+from importlib.metadata import distribution
 from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
@@ -26,8 +24,8 @@ from console.templates import show
 router = APIRouter(include_in_schema=False)
 
 OPENAPI_PATH = "/api/openapi.json"
-_PACKAGE = "fastapi-offline"
-_ASSETS = f"/assets/swagger-ui-{version(_PACKAGE)}"
+_SWAGGER = distribution("fastapi-offline")  # not imported: we want two of its files
+_ASSETS = f"/assets/swagger-ui-{_SWAGGER.version}"
 _TYPES = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css"}
 _TEXT = f"""\
 The operator's console as programs see it. The page uses nothing else.
@@ -109,19 +107,7 @@ def _completed(document: dict[str, Any]) -> dict[str, Any]:
 
 def _problem(status: int) -> dict[str, Any]:
     schema = {"$ref": "#/components/schemas/Problem"}
-    return {
-        "description": problems(status)[status]["description"], "content": {"application/json": {"schema": schema}}
-    }  # fmt: skip
-
-
-def _installed() -> Path:
-    spec = find_spec("fastapi_offline")  # found, not imported: we want two of its files
-    assert spec is not None
-    assert spec.origin is not None
-    return Path(spec.origin).parent / "static"
-
-
-_FOLDER = _installed()
+    return {"description": problems(status)[status]["description"], "content": {"application/json": {"schema": schema}}}
 
 
 @router.get("/api", response_class=HTMLResponse)
@@ -136,4 +122,5 @@ def asset(name: str) -> FileResponse:
     if name not in _TYPES:
         raise HTTPException(404, "there is no such file")
     cached = {"cache-control": "private, max-age=31536000, immutable"}
-    return FileResponse(_FOLDER / name, media_type=_TYPES[name], headers=cached)
+    path = str(_SWAGGER.locate_file(f"fastapi_offline/static/{name}"))
+    return FileResponse(path, media_type=_TYPES[name], headers=cached)

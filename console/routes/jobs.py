@@ -125,6 +125,4 @@ def followed_by(parts: Parts, log_id: str) -> LogEntry:
 
 def start_job(parts: Parts, asked: JobSpecification, session: UserSession, faults: str = "") -> Status:
     """Ask for a run and return the status that answers. Raises RobotRefused, RobotUnreachable."""
-    status = parts.client.start(RunRequest(asked, session.operator, faults))
-    parts.watch.learn(status)
-    return status
+    return parts.watch.learn(parts.client.start(RunRequest(asked, session.operator, faults)))

@@ -71,7 +71,10 @@ class PolicyInput:
         t_ns = int(arms[0]["t_ns"])
         if lease != self._lease:
             self._lease, self._began_ns = lease, t_ns
-            self._look()
+            self._pictures.close()
+            self._pictures = NewestPictures({})
+            with suppress(OSError):  # the run has just ended, and its pictures with it
+                self._pictures = NewestPictures(self._watch.cameras())
         self._number += 1
         pads = [in_world(base, arm) for base, arm in zip(self._bases, arms, strict=True)]
         self._shown = Observation(
@@ -81,13 +84,6 @@ class PolicyInput:
             np.stack([pad[1] for pad in pads]), self._watch.object_pose(), self._pictures.at(t_ns),
         )  # fmt: skip
         return self._shown
-
-    def _look(self) -> None:
-        self._pictures.close()
-        try:
-            self._pictures = NewestPictures(self._watch.cameras())
-        except OSError:  # the run has just ended, and its pictures with it
-            self._pictures = NewestPictures({})
 
     def answer(self, number: int, chunk: Chunk) -> str | None:
         """Take the answer to an observation. Returns in one line why it is not followed, None where it is."""
@@ -166,10 +162,8 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
             observation = policy.observe()
             if observation is None:
                 leads = parts.teleop.lease(name) is not None
-                lacks = (
-                    "the teleoperation has not begun" if leads else f"the operator in control has given {name} no lease"
-                )
-                await websocket.send_json({"waiting": lacks})
+                unlent = f"the operator in control has given {name} no lease"
+                await websocket.send_json({"waiting": "the teleoperation has not begun" if leads else unlent})
                 await asyncio.sleep(1.0 / rate_hz if leads else _WAIT_S)
                 continue
             began_s = time.monotonic()

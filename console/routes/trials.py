@@ -65,7 +65,8 @@ def _of_group(controller: str, thing: str, rows: list[LogRow], measure: Measure)
     places: dict[float, list[LogRow]] = {}
     for row in rows:
         places.setdefault(row.displacement_mm or 0.0, []).append(row)
-    values = {place: _values(group, measure) for place, group in sorted(places.items())}
+    found = {place: [getattr(row, measure) for row in group] for place, group in sorted(places.items())}
+    values = {place: [float(value) for value in group if value is not None] for place, group in found.items()}
     return MeansOf(
         controller=controller,
         object=thing,
@@ -77,18 +78,11 @@ def _of_group(controller: str, thing: str, rows: list[LogRow], measure: Measure)
     )
 
 
-def _values(rows: list[LogRow], measure: Measure) -> list[float]:
-    found = [getattr(row, measure) for row in rows]
-    return [float(value) for value in found if value is not None]
-
-
 def _mean(place: float | None, groups: Mapping[object, list[float]], measure: Measure) -> Mean:
     from rtstack.experiments.statistics import proportion, stratified_mean  # SciPy takes a second to load
 
     every = [value for group in groups.values() for value in group]
-    interval = (
-        proportion(round(sum(every)), len(every)) if measure is Measure.SUCCESS else stratified_mean(groups)
-    )  # fmt: skip
+    interval = proportion(round(sum(every)), len(every)) if measure is Measure.SUCCESS else stratified_mean(groups)
     if interval is None:
         return Mean(place, 0, None, None, None)
     return Mean(place, interval.n, interval.mean, interval.low, interval.high)

@@ -64,9 +64,8 @@ def hull_parts(model: RobotModel, link: str) -> list[Part]:
 
 def joined(parts: list[Part]) -> Part:
     """Return parts of one colour as one."""
-    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    faces = [part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)]
-    return Part(np.vstack([part.vertices for part in parts]), np.vstack(faces), parts[0].colour)
+    vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+    return Part(vertices, faces.astype(np.uint32), parts[0].colour)
 
 
 def coarse(part: Part, cell_m: float) -> Part:
@@ -113,7 +112,7 @@ def read_collada(path: Path) -> list[Part]:
         instance, matrix = node.find(f"{_C}instance_geometry"), node.find(f"{_C}matrix")
         if instance is None:
             continue
-        transform = np.eye(4) if matrix is None else np.array(_numbers(matrix.text or "")).reshape(4, 4)
+        transform = np.eye(4) if matrix is None else np.array((matrix.text or "").split(), np.float64).reshape(4, 4)
         bound = {
             binding.attrib["symbol"]: binding.attrib["target"].removeprefix("#")
             for binding in instance.iter(f"{_C}instance_material")
@@ -142,7 +141,7 @@ def _triangles(
     assert vertices is not None
     source = geometry.find(f".//{_C}source[@id='{vertices.attrib['source'].removeprefix('#')}']/{_C}float_array")
     assert source is not None
-    return np.array(_numbers(source.text or "")).reshape(-1, 3), corners.reshape(-1, 3)
+    return np.array((source.text or "").split(), np.float64).reshape(-1, 3), corners.reshape(-1, 3)
 
 
 def _colours(document: ElementTree.Element) -> dict[str, tuple[int, int, int]]:
@@ -150,7 +149,7 @@ def _colours(document: ElementTree.Element) -> dict[str, tuple[int, int, int]]:
     for effect in document.iter(f"{_C}effect"):
         colour = effect.find(f".//{_C}diffuse/{_C}color")
         if colour is not None:
-            red, green, blue = (round(255 * value) for value in _numbers(colour.text or "")[:3])
+            red, green, blue = (round(255 * float(value)) for value in (colour.text or "").split()[:3])
             diffuse[effect.attrib["id"]] = (red, green, blue)
     colours = {}
     for material in document.iter(f"{_C}material"):
@@ -158,10 +157,6 @@ def _colours(document: ElementTree.Element) -> dict[str, tuple[int, int, int]]:
         effect = "" if instance is None else instance.attrib["url"].removeprefix("#")
         colours[material.attrib["id"]] = diffuse.get(effect, _PLAIN)
     return colours
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]
 
 
 def _installed(model: RobotModel, name: str) -> Path | None:

@@ -64,17 +64,13 @@ class _LiveScene:
                     self._scene.show_object(status.object, self._watch.object_pose())
                 self._experiment.show(*self._plans.current(status))
                 self._experiment.show_hits(self._watch.hits())
-                self._show_ghost()
+                shown = self._player.pose()
+                if shown is None:
+                    self._ghost.set_visible(False)
+                else:
+                    self._ghost.show_arms(shown[0])
+                    self._ghost.show_object(*shown[1:])
                 self._gizmos.show(self._watch.measured(), self._watch.command(), self._watch.forces())
-
-    def _show_ghost(self) -> None:
-        pose = self._player.pose()
-        if pose is None:
-            self._ghost.set_visible(False)
-            return
-        q, name, placed = pose
-        self._ghost.show_arms(q)
-        self._ghost.show_object(name, placed)
 
 
 class SceneServers:

@@ -72,9 +72,7 @@ def read_impact(path: Path) -> Impact | None:
     detected = found != "null"
     at_s = float(found) if detected else nominal_s
     at_ns = first_ns + round(at_s * 1e9)
-    records = log.between(
-        [*ARM_TOPICS, *CONTROL_TOPICS], at_ns - round(BEFORE_S * 1e9), at_ns + round(AFTER_S * 1e9)
-    )  # fmt: skip
+    records = log.between([*ARM_TOPICS, *CONTROL_TOPICS], at_ns - round(BEFORE_S * 1e9), at_ns + round(AFTER_S * 1e9))
     arms, controls = ([records[topic] for topic in topics] for topics in (ARM_TOPICS, CONTROL_TOPICS))
     n = min(len(each) for each in (*arms, *controls))
     if n == 0:
