@@ -3,7 +3,7 @@
 import json
 import math
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,17 +102,13 @@ def _rows(folder: Path) -> dict[str, Row]:
 def _column(name: str, pairs: Sequence[tuple[Any, Any]]) -> ColumnDifference:
     differing = sum(one != other for one, other in pairs)
     one_sided = sum((one is None) != (other is None) for one, other in pairs)
-    numbers = [pair for pair in pairs if all(_is_number(value) for value in pair)]
+    numbers = [pair for pair in pairs if all(isinstance(one, int | float) and math.isfinite(one) for one in pair)]
     if not differing or not numbers:
         return ColumnDifference(name, differing, one_sided)
     differences = [other - one for one, other in numbers]
     means = tuple(sum(values) / len(numbers) for values in zip(*numbers, strict=True))
     return ColumnDifference(name, differing, one_sided, (means[0], means[1]), plain_mean(differences),
                             max(map(abs, differences)))  # fmt: skip
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _numbers(each: ColumnDifference) -> tuple[str, str, str, str]:
@@ -127,18 +123,15 @@ def _claims(first: Path, second: Path) -> list[ClaimPair]:
     """Return the claims of both reports; none where one of the campaigns has no report yet."""
     if not all((folder / NUMBERS).exists() for folder in (first, second)):
         return []
-    ours, theirs = (dict(_outcomes(_report(folder / NUMBERS))) for folder in (first, second))
+    ours, theirs = (dict(_outcomes(folder / NUMBERS)) for folder in (first, second))
     return [ClaimPair(*key, ours.get(key, ""), theirs.get(key, "")) for key in dict.fromkeys([*ours, *theirs])]
 
 
-def _report(path: Path) -> Mapping[str, Any]:
+def _outcomes(path: Path) -> Iterator[tuple[tuple[str, str, str], str]]:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        report = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise TrialError(f"{path} cannot be read: {error}") from None
-
-
-def _outcomes(report: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str, str], str]]:
     for part in report["conditions"]:
         for claim in part["claims"]:
             key = (part["name"], claim["where"], claim["claim"] or claim["mark"])

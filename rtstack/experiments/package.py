@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hal.base.files import write_whole
-from rtstack.experiments.page import PAGE
-from rtstack.experiments.report import NUMBERS
+from rtstack.experiments.report import NUMBERS, PAGE
 from rtstack.experiments.store import ATTEMPTS, DATABASE, RESULTS, TIMES, campaign_database
 from rtstack.trials.errors import TrialError
 

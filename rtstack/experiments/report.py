@@ -2,6 +2,8 @@
 else.
 """
 
+import base64
+import html
 import json
 import os
 from collections import Counter
@@ -10,11 +12,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hal.base.files import write_whole
 from rtstack.experiments.claims import Claim
-from rtstack.experiments.page import PAGE, embedded, page_template
 from rtstack.experiments.registration import PLAN_DIGEST, Registration, file_digest
 
 if TYPE_CHECKING:
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
 FIGURES = "figures"
 NUMBERS = "report.json"
+PAGE = "report.html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +115,19 @@ def write_report(
     placed: set[str] = set()
 
     def figure(file: str) -> Markup:
+        """Return a figure as HTML that holds its picture."""
         placed.add(file)
-        return embedded(out / FIGURES / file, captions[file])
+        data = base64.b64encode((out / FIGURES / file).read_bytes()).decode()
+        text = html.escape(captions[file])
+        return Markup(f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text} '
+                      f"<code>{FIGURES}/{file}</code></figcaption></figure>")  # fmt: skip
 
     package, name = report.page
-    page = page_template(name, package).render(
+    environment = Environment(  # a template may include what all pages share, which is in our own folder `pages`
+        loader=ChoiceLoader([PackageLoader(each, "pages") for each in (package, "rtstack.experiments")]),
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+    )  # fmt: skip
+    page = environment.get_template(name).render(
         figure=figure, placed=placed, drawn=[figure.file for figure in report.figures],
         experiment=experiment, plan=experiment.specification, file=experiment.request.file, unit=experiment.unit,
         digest=experiment.digest, rows=rows, planned=experiment.specification.size(), left_out=report.left_out,
@@ -160,10 +171,9 @@ def _figures(report: Report) -> list[Figure]:
 
 
 def _part(part: Section) -> dict[str, Any]:
-    tables = [asdict(table) for table in part.tables]
-    return {"name": part.name, "claims": [_claim(claim) for claim in part.claims], "tables": tables, **part.numbers}
-
-
-def _claim(claim: Claim) -> dict[str, str]:
-    verdict = {"verdict": str(claim.verdict), "figures": claim.ours, "why": claim.why}
-    return {"where": claim.where, "claim": claim.says, "mark": claim.mark} | verdict
+    claims = [
+        {"where": claim.where, "claim": claim.says, "mark": claim.mark, "verdict": str(claim.verdict),
+         "figures": claim.ours, "why": claim.why}
+        for claim in part.claims
+    ]  # fmt: skip
+    return {"name": part.name, "claims": claims, "tables": [asdict(table) for table in part.tables], **part.numbers}

@@ -9,19 +9,10 @@ from hal.displacement import Displacement
 from rtstack.experiments.attempts import Kind, aborted
 from rtstack.experiments.experiment import CellRun
 from rtstack.model.cell_description import CellDescription
+from rtstack.trials import placement
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.move import PreparedMove, holds
-from rtstack.trials.placement import (
-    NEAR_DEG,
-    NEAR_MM,
-    blocks_start,
-    difference,
-    object_is_seen,
-    object_stands,
-    place,
-    prepare_placement,
-)
 from rtstack.trials.specification import HandMotion, MoveSpecification, PlacementSpecification
 from rtstack.trials.start_motion import WayRefused
 
@@ -63,9 +54,9 @@ class Reset:
         description, name = planned.run.description, planned.run.specification.object
         self._clear(planned, case_id)
         self._put_down(description, name, case_id)
-        if blocks_start(self.cell, description, name):
+        if placement.blocks_start(self.cell, description, name):
             self.cell = self._put_back() or self.cell
-            self._wait(lambda: blocks_start(self.cell, description, name), Kind.PERSON, case_id)
+            self._wait(lambda: placement.blocks_start(self.cell, description, name), Kind.PERSON, case_id)
         start = PreparedMove(MoveSpecification(HandMotion.START, name), description)
         if reason := self._carry(start, Kind.START, case_id).failure_reason:
             raise ResetAborted("the arms do not reach the start", reason)
@@ -79,7 +70,7 @@ class Reset:
         self._clear(planned, case_id)
         if planned.wanted is None:
             return
-        if blocks_start(self.cell, description, name):
+        if placement.blocks_start(self.cell, description, name):
             self.go_to_start(planned, case_id)
         self._put_down(description, name, case_id)
         by_arms, first = self._by_arms, True
@@ -99,7 +90,7 @@ class Reset:
         """Where nothing may stand on the table, wait until the tracker sees nothing."""
         description = planned.run.description
         if planned.clear:
-            self._wait(lambda: CLEAR if object_is_seen(self.cell, description) else "", Kind.PERSON, case_id)
+            self._wait(lambda: CLEAR if placement.object_is_seen(self.cell, description) else "", Kind.PERSON, case_id)
 
     def _put_down(self, description: CellDescription, name: str, case_id: str) -> None:
         if holds(self.cell, description):
@@ -113,14 +104,14 @@ class Reset:
         """
         specification = PlacementSpecification(name, 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg)
         try:
-            stands = object_stands(self.cell, description, name)
+            stands = placement.object_stands(self.cell, description, name)
         except TrialError:
             return None
-        if _near(difference(stands, wanted)):
+        if _near(placement.difference(stands, wanted)):
             return True
         try:
-            prepared = prepare_placement(specification, description)
-            result = place(prepared, ATTEMPTS, lambda attempt: self._carry(attempt, Kind.PLACEMENT, case_id))
+            prepared = placement.prepare_placement(specification, description)
+            result = placement.place(prepared, ATTEMPTS, lambda attempt: self._carry(attempt, Kind.PLACEMENT, case_id))
         except WayRefused:
             raise
         except TrialError as error:  # it is out of reach
@@ -158,10 +149,10 @@ class Reset:
     def _deviation(self, description: CellDescription, name: str, wanted: Displacement) -> tuple[str, bool]:
         """Return in one line what a person has to do, "" for nothing, and whether the object stands upright."""
         try:
-            stands = object_stands(self.cell, description, name)
+            stands = placement.object_stands(self.cell, description, name)
         except TrialError as error:
             return str(error), False
-        if _near(difference(stands, wanted)):
+        if _near(placement.difference(stands, wanted)):
             return "", True
         why = f" (the arms could not: {self._why})" if self._why else ""
         return instruction(name, stands, wanted, description) + why, True
@@ -184,4 +175,4 @@ def instruction(name: str, stands: Displacement, wanted: Displacement, descripti
 
 
 def _near(off: tuple[float, float]) -> bool:
-    return off[0] <= NEAR_MM and off[1] <= NEAR_DEG
+    return off[0] <= placement.NEAR_MM and off[1] <= placement.NEAR_DEG

@@ -168,7 +168,10 @@ class CellRunner(Runner):
                 continue
             try:
                 if not self.host.sets_object:
-                    self._bring(reset, planned, name)
+                    if not self._at_start:  # the arms may stand anywhere
+                        reset.go_to_start(planned, name)
+                        self._at_start = True
+                    reset.set_in_place(planned, name)
                 if not self._latched and not self.host.paused:  # by a placement, or by a person meanwhile
                     return self._carry_out(planned.run, kind, name, control, log, planned.record)
             except ResetAborted as error:
@@ -180,13 +183,6 @@ class CellRunner(Runner):
                 if self.host.sets_object or not self._at_start or attempt >= self._schedule.attempts:
                     raise
                 self._at_start = False
-
-    def _bring(self, reset: Reset, planned: CellRun, name: str) -> None:
-        """Bring the object to its place, and before that the arms to the start where they may stand anywhere."""
-        if not self._at_start:
-            reset.go_to_start(planned, name)
-            self._at_start = True
-        reset.set_in_place(planned, name)
 
     def _carry_out(
         self, run: PreparedRun[Any], kind: Kind, name: str, control: Case | None = None, log: Path | None = None,
@@ -260,22 +256,18 @@ class CellRunner(Runner):
         """See Runner. The log of a case that was aborted, or is not complete, is put aside: it has no row."""
         found: set[str] = set()
         for case in cases:
-            path = self._experiment.on_cell(case).log
-            row = row_of(self._experiment, case, path) if self._counts(case, path) else None
-            if row is None:
-                _put_aside(path)
-                continue
-            self._store.add(row)
-            self._progress.advance()
-            found.add(case.id)
+            path, row = self._experiment.on_cell(case).log, None
+            if (log := case_log(path, case, self._experiment.digest)) is not None:
+                result = log.metadata["result"]
+                if not self._uncounted(result["failure_reason"], int(result.get("missed_deadlines", 0))):
+                    row = row_of(self._experiment, case, path)
+            if row is not None:
+                self._store.add(row)
+                self._progress.advance()
+                found.add(case.id)
+            elif path.exists():
+                path.rename(_unused(path, "aborted"))
         return found
-
-    def _counts(self, case: Case, path: Path) -> bool:
-        """Return whether a case has a complete log, and was not aborted."""
-        if (log := case_log(path, case, self._experiment.digest)) is None:
-            return False
-        result = log.metadata["result"]
-        return not self._uncounted(result["failure_reason"], int(result.get("missed_deadlines", 0)))
 
 
 def _mends(reason: str | None) -> bool:
@@ -290,9 +282,3 @@ def _now() -> str:
 def _unused(log: Path, word: str) -> Path:
     """Return a path beside a case's log that no case has, and no log yet."""
     return next(path for k in count(1) if not (path := log.with_suffix(f".{word}-{k}.mcap")).exists())
-
-
-def _put_aside(log: Path) -> None:
-    """Keep the log of an attempt that gave no row."""
-    if log.exists():
-        log.rename(_unused(log, "aborted"))

@@ -46,12 +46,9 @@ def schedule_of(specification: object) -> CellSchedule:
 
 
 def ordered(
-    cases: Iterable[C],
-    schedule: CellSchedule,
-    digest: str,
-    setup: Callable[[C], str] = lambda case: "",
+    cases: Iterable[C], schedule: CellSchedule, digest: str, setup: Callable[[C], str] = lambda case: "",
     begin: str = "",
-) -> list[C]:
+) -> list[C]:  # fmt: skip
     """Return all cases of a plan in the order in which they run: block by block, drawn within each.
 
     A block is a repetition of everything (a case's `repetition`), so that what drifts is spread over all conditions.

@@ -13,8 +13,7 @@ import numpy as np
 from rtstack.control.tick import ArmController
 from rtstack.experiments.claims import shown
 from rtstack.experiments.experiment import Results, Row
-from rtstack.experiments.page import PAGE
-from rtstack.experiments.report import Figure, Report, Section, Table
+from rtstack.experiments.report import PAGE, Figure, Report, Section, Table
 from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription

@@ -11,8 +11,7 @@ from rtstack.experiments.archive import Archive
 from rtstack.experiments.claims import Claim, shown
 from rtstack.experiments.experiment import Results, Row
 from rtstack.experiments.generic import mean_figure, mean_table
-from rtstack.experiments.page import PAGE
-from rtstack.experiments.report import Figure, Report, Section, Table
+from rtstack.experiments.report import PAGE, Figure, Report, Section, Table
 from rtstack.experiments.statistics import Interval
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.conditions import Reference

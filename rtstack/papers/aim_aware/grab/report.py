@@ -12,9 +12,8 @@ import numpy as np
 
 from rtstack.experiments.claims import ClaimStatus, at_least, at_most
 from rtstack.experiments.experiment import Results
-from rtstack.experiments.page import PAGE
 from rtstack.experiments.registration import Finding, Judge, PlannedClaim, judged
-from rtstack.experiments.report import Figure, Report, Section
+from rtstack.experiments.report import PAGE, Figure, Report, Section
 from rtstack.experiments.statistics import Interval, proportion
 from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.papers.aim_aware.grab.cases import FURTHER, TRUE_KIND, FaultKind
