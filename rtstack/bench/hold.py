@@ -33,17 +33,14 @@ class HoldEnded(HardwareError):
 
 
 class Hold:
-    """Holds an arm where its first state showed it. rad, rad_s, nm: the most that was seen of any joint.
-
-    estimate: of each settled tick the external torques (7,) Nm and the wrench (6,) in the base, as the robot has them.
-    """
+    """Holds an arm where its first state showed it. rad, rad_s, nm: the most that was seen of any joint."""
 
     def __init__(self, side: str, judge: SafetyJudge, limits: SafetyLimits, ticks: int) -> None:
-        """side: how a message calls the arm; ticks: how many are kept of the estimate."""
+        """side: how a message calls the arm; ticks: how many are kept as `samples`."""
         self._side, self._judge = side, judge
         self._q = np.zeros(7)
         self._count = 0
-        self._estimate = np.zeros((ticks, 13))
+        self._kept = np.zeros(ticks, ARM_SAMPLE)
         self._tau_max = np.array(limits.tau_max)
         self._step = STEP_SHARE * limits.tau_rate_max * CONTROL_PERIOD_S
         self._sample = np.zeros(1, ARM_SAMPLE)
@@ -54,9 +51,15 @@ class Hold:
         self.rad = self.rad_s = self.nm = 0.0
 
     @property
+    def samples(self) -> NDArray[np.void]:
+        """The samples (n,) of ARM_SAMPLE that were kept."""
+        return self._kept[: self._count]
+
+    @property
     def estimate(self) -> NDArray[np.float64]:
-        """What was kept, (n, 13): external torques, then the wrench."""
-        return self._estimate[min(SETTLED, self._count // 2) : self._count]
+        """External torques (7,), Nm, and wrench (6,) in the base, N and Nm, of each settled tick, (n, 13)."""
+        settled = self._kept[min(SETTLED, self._count // 2) : self._count]
+        return np.hstack([settled["tau_ext_hat_filtered"], settled["O_F_ext_hat_K"]])
 
     def torque(self, state: ArmState) -> NDArray[np.float64]:
         """Return the torque (7,), Nm, that answers a state. Raises ArmMoved where the arm has not stayed."""
@@ -65,13 +68,13 @@ class Hold:
         dq = state.record["dq"][0]
         off = self._q - state.q
         self._look(np.abs(off), np.abs(dq))
-        if self._count < len(self._estimate):
-            self._estimate[self._count] = *state.tau_ext_hat_filtered, *state.O_F_ext_hat_K
-            self._count += 1
         self._state[:] = state.record.view(np.uint8)
         wanted = np.clip(STIFFNESS * off - DAMPING * dq, -self._tau_max, self._tau_max)
         self._wanted += np.clip(wanted - self._wanted, -self._step, self._step)
         self._judge.judge(self._sample, residual=self._residual)
+        if self._count < len(self._kept):
+            self._kept[self._count] = self._sample[0]
+            self._count += 1
         if self._judge.stopping:
             raise ArmMoved(f"the {self._side} arm was stopped by its judge: {self._judge.explanation}")
         self.nm = max(self.nm, float(np.abs(self._applied).max()))

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from math import inf
+from pathlib import Path
 
 import numpy as np
 
@@ -106,17 +107,26 @@ class LinkBenchmark:
         return {**asdict(replace(self, lateness=None)), "lateness": lateness, "verdict": self.verdict}
 
 
-def bench_link(cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None) -> LinkBenchmark:
+def bench_link(
+    cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None, record: Path | None = None
+) -> LinkBenchmark:
     """Hold the arms for `ticks` ms, and stop them. They may be anywhere: the judges look at no box.
 
-    Raises ArmMoved where one does not stay and HoldEnded where `stop` was asked for, with the arms stopped, and
+    record: the npz file to write, with the samples of each arm by its side, whatever came out. Raises ArmMoved where
+    one does not stay and HoldEnded where `stop` was asked for, with the arms stopped, and
     HardwareError when the link breaks.
     """
-    with realtime_thread() if cell.own_clocks else nullcontext() as obtained:
-        try:
-            return _run(cell, ticks, _holds(description, ticks), obtained.scheduler if obtained else "other", stop)
-        finally:
-            cell.stop(at_rest=True)
+    holds = _holds(description, ticks)
+    try:
+        with realtime_thread() if cell.own_clocks else nullcontext() as obtained:
+            try:
+                return _run(cell, ticks, holds, obtained.scheduler if obtained else "other", stop)
+            finally:
+                cell.stop(at_rest=True)
+    finally:
+        if record is not None:
+            samples = {side: hold.samples for side, hold in zip(cell.sides, holds, strict=True)}
+            np.savez_compressed(record, allow_pickle=False, **samples)
 
 
 def _holds(description: CellDescription, ticks: int) -> tuple[Hold, ...]:

@@ -80,7 +80,7 @@ def _open(request: CellRequest) -> Cell:
     check_real_cell(addresses, request.description, request.cell_file)
     if not request.led:
         check_measured(addresses, request.description, request.cell_file)
-    check_boxes(request.description)
+    check_boxes(request.description, request.cell_file, request.led)
     own, said = _own_limits(addresses)
     check_models(request.description, own)
     robot_clock = ClockRelation()

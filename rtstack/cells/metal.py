@@ -16,6 +16,7 @@ from ipaddress import ip_address
 from pathlib import Path
 
 from hal.desk import Desk, DeskState, Trust
+from rtstack.cells.commissioning import digest, known_firmware, signatures
 from rtstack.cells.description import default_cell_file
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
@@ -105,28 +106,40 @@ def check_measured(addresses: Sequence[str], description: CellDescription, cell_
             )
 
 
-def check_boxes(description: CellDescription) -> None:
-    """Ask Desk of each box whose serial number the cell's file has: is it that one, and does it let FCI in?
-
-    Two boxes that were exchanged have each other's arm behind them. Raises TrialError with one line, HardwareError
-    where Desk does not answer or is not trusted.
-    """
-    mountings = description.mountings
-    asked = {side: arm for side, arm in mountings.items() if arm.serial}
+def box_states(description: CellDescription) -> dict[str, DeskState]:
+    """Return what Desk reports of each box whose serial number the cell's file has, by side. Raises HardwareError where
+    Desk does not answer or is not trusted."""
     trust, states = Trust(), dict[str, DeskState]()
-    for side, arm in asked.items():
-        with closing(Desk(arm.desk, trust, name=f"{side} box")) as desk:
-            states[side] = desk.state()
+    for side, arm in description.mountings.items():
+        if arm.serial:
+            with closing(Desk(arm.desk, trust, name=f"{side} box")) as desk:
+                states[side] = desk.state()
+    return states
+
+
+def check_boxes(description: CellDescription, cell_file: Path | None, led: bool) -> None:
+    """Compare each box whose serial number the cell's file has with that file: is it that one, and does it let FCI in?
+
+    Two boxes that were exchanged have each other's arm behind them. led: a changed firmware is not looked at, since the
+    arms are about to be held for the record. Raises TrialError with one line, HardwareError as `box_states`.
+    """
+    mountings, states = description.mountings, box_states(description)
+    held = known_firmware(signatures(cell_file)) if cell_file is not None and not led else {}
     for side, state in states.items():
-        expected = asked[side].serial
+        expected = mountings[side].serial
         if state.serial != expected:
             other = next((name for name, arm in mountings.items() if name != side and arm.serial == state.serial), "")
             why = f"that is the {other} one: they are exchanged" if other else "another box stands there"
             raise TrialError(
-                f"the {side} box at {asked[side].desk} says that it is {state.serial}, and the cell's file has "
+                f"the {side} box at {mountings[side].desk} says that it is {state.serial}, and the cell's file has "
                 f"{expected}: {why}; correct addresses or cables, and measure the cell again if an arm was moved"
             )
     for side, state in states.items():
         if not state.ready:
             reasons = "; ".join(state.obstacles) or f"brakes {state.brakes}, FCI {state.fci}: `rtstack desk start`"
             raise TrialError(f"the {side} box lets no program move its arm: {reasons}")
+        if held.get(side, digest(state.version)) != digest(state.version):
+            raise TrialError(
+                f"the {side} box has system version {state.version}, and its arm was held with another one: "
+                f"rtstack check --{side} {mountings[side].address} --sign NAME, and the steps that it opens"
+            )

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from rtstack.cli.exit_status import fail
-from rtstack.cli.options import CellFile, CellKind, Json, Profile
+from rtstack.cli.options import CellFile, CellKind, Json, Profile, Sign
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def guide(
     profile: Profile = None,
     seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
     cell_file: CellFile = None,
+    sign: Sign = None,
     json: Json = False,
 ) -> None:
     """Let a person move both arms by hand, also back from beyond a limit, until Ctrl-C or the key that is let go."""
@@ -40,6 +41,9 @@ def guide(
 
     host = Terminal.of(cell, profile, cell_file, "moving by hand", led=True)
     result = host.run(PreparedGuide(GuideSpecification(seconds), host.description))
+    if sign is not None and result.success:
+        pads = zip(host.description.sides, result.pads, strict=True)
+        host.sign("guide", sign, {f"{side} pad, m": str(list(pad)) for side, pad in pads}, result.log)
     report(result, json, "\n".join(_lines(result, host.description.sides)))
 
 
@@ -61,6 +65,7 @@ def wiggle(
     cell: CellKind = "direct",
     profile: Profile = None,
     cell_file: CellFile = None,
+    sign: Sign = None,
 ) -> None:
     """Turn one joint of an arm by a degree and back, so that a person sees which one is the left arm."""
     from rtstack.cli.terminal import Terminal
@@ -78,6 +83,11 @@ def wiggle(
     other = ": was it the other arm that moved, then exchange the addresses of [left] and [right], or the cables"
     done = f"joint {joint} of the {side} arm has turned by a degree and back"
     typer.echo(done + other * (len(description.sides) == 2))
+    if sign is not None:
+        typer.echo(f"Was it the {side} arm? y or n, and Enter: ", err=True, nl=False)
+        if sys.stdin.readline().strip().lower() != "y":
+            fail("not signed: exchange the addresses or the cables of both arms, then repeat")
+        host.sign(f"wiggle {side}", sign, {"joint": joint, "answer": f"it was the {side} arm"})
 
 
 @commands.command()
@@ -89,6 +99,7 @@ def calibrate(
     seconds: Annotated[float | None, typer.Option(help="Lead to each point for so long at most.", min=0.1)] = None,
     write: Annotated[bool, typer.Option("--write", help="Put the result into the cell's file.")] = False,
     cell_file: CellFile = None,
+    sign: Sign = None,
     json: Json = False,
 ) -> None:
     """Find bases, tracker, pads and payloads from points that the pads touch, and say how well."""
@@ -97,6 +108,7 @@ def calibrate(
     from rtstack.calibration.points import check_arms, load_points
     from rtstack.calibration.points import write as write_cell_file
     from rtstack.cells import load_description
+    from rtstack.cells.commissioning import sign as sign_step
 
     description, source = load_description(cell_file, cell or "")
     known = load_points(points)
@@ -123,6 +135,9 @@ def calibrate(
         fail(found.refusal)
     if write:
         write_cell_file(source, found.values)
+        if sign is not None:
+            values = {".".join(key): str(value) for key, value in found.values.items()}
+            sign_step("calibrate", sign, values, load_description(source)[0], source)
     if not json:
         typer.echo(f"written: {source}" if write else "nothing is written; --write puts it into the cell's file")
 

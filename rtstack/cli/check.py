@@ -13,7 +13,7 @@ from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, gripper_finding, interface_finding
 from rtstack.check.software import software_findings
 from rtstack.cli.exit_status import FAILED
-from rtstack.cli.options import CellFile, Json, LeftArm, LogsWritten, RightArm
+from rtstack.cli.options import CellFile, Json, LeftArm, LogsWritten, RightArm, Sign
 
 if TYPE_CHECKING:
     from rtstack.model.cell_description import CellDescription
@@ -27,6 +27,7 @@ def check(
     right: RightArm = None,
     cell_file: CellFile = None,
     logs: LogsWritten = Path("logs"),
+    sign: Sign = None,
     json: Json = False,
 ) -> None:
     """Say what this machine lacks, and what that costs; with their addresses hold the arms and judge the link."""
@@ -40,7 +41,7 @@ def check(
     cell, description = _cell(cell_file, kind)
     findings.append(cell)
     if arms:
-        findings += _arm_findings(arms, kind, description, cell_file)
+        findings += _arm_findings(arms, kind, description, cell_file, sign, logs)
     if json:
         typer.echo(json_module.dumps({"findings": [asdict(finding) for finding in findings]}))
     else:
@@ -75,8 +76,9 @@ def _cell(path: Path | None, kind: str) -> "tuple[Finding, CellDescription | Non
 
 
 def _arm_findings(
-    arms: dict[str, str], kind: str, description: "CellDescription | None", cell_file: Path | None
-) -> list[Finding]:
+    arms: dict[str, str], kind: str, description: "CellDescription | None", cell_file: Path | None,
+    sign: str | None, logs: Path,
+) -> list[Finding]:  # fmt: skip
     findings = [interface_finding(f"way to {side}", address) for side, address in arms.items()]
     findings += [arm_finding(f"{side} arm", address) for side, address in arms.items()]
     if any(finding.verdict == "fail" for finding in findings):
@@ -86,4 +88,4 @@ def _arm_findings(
         return findings
     from rtstack.cli.link import link_findings
 
-    return findings + link_findings(kind, description, cell_file=cell_file)
+    return findings + link_findings(kind, description, cell_file=cell_file, sign=sign, logs=logs)

@@ -1,7 +1,7 @@
 """The arms of a cell, held softly by `rtstack check`: whether they stay, what they feel, and how good the link is."""
 
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,8 @@ from hal.errors import HardwareError
 from rtstack.bench.hold import GOOD_RAD, ArmMoved, HoldEnded
 from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
 from rtstack.cells import default_cell_file, open_cell
+from rtstack.cells.commissioning import sign as sign_step
+from rtstack.cells.metal import box_states
 from rtstack.check.arm import Felt, resting_findings
 from rtstack.check.finding import Finding, finding
 from rtstack.cli.hold_to_run import HoldToRun
@@ -19,6 +21,7 @@ from rtstack.log.analysis.lateness import Blame, Lateness
 from rtstack.loop.session import StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
+from rtstack.trials.record import free_name
 
 LINK_TICKS = 10_000
 GOOD_LATE_SHARE = 1e-3  # ours: with them at random, 20 in a row never come
@@ -32,19 +35,39 @@ _TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange;
 
 
 def link_findings(
-    kind: str, description: CellDescription, ticks: int = LINK_TICKS, cell_file: Path | None = None
-) -> list[Finding]:
+    kind: str, description: CellDescription, ticks: int = LINK_TICKS, cell_file: Path | None = None,
+    sign: str | None = None, logs: Path = Path("logs"),
+) -> list[Finding]:  # fmt: skip
     """Hold the arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
 
     Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run). Their geometry need not
     have been measured: an arm is held where it is, before a person touches it.
+
+    Args:
+        sign: who signs this step of commissioning, where nothing has failed.
+        logs: folder for the samples of real arms.
     """
     try:
         hold = HoldToRun(kind, description, cell_file or default_cell_file(), led=True)
         what = f"hold of the {' and '.join(description.sides)} arm for {ticks * 1e-3:g} s"
         opened = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file, led=True)
+        record = _record(logs) if hold.needed else None
         with closing(opened) as cell, interruptible() as stop, hold.held(what, stop):
-            found = held_findings(cell, ticks, description, stop)
+            found = held_findings(cell, ticks, description, stop, record)
+        if sign is not None and not any(each.verdict == "fail" for each in found):
+            values = {each.name: f"{each.verdict}: {each.value}" for each in found}
+            firmware = {side: state.version for side, state in box_states(description).items()}
+            for side in description.sides:
+                sign_step(
+                    f"hold {side}",
+                    sign,
+                    values,
+                    description,
+                    cell_file,
+                    firmware,
+                    "" if record is None else record.name,
+                )
+            found.append(Finding("signature", f"{sign}: hold {' and '.join(description.sides)}", "pass"))
         return found + [
             Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
             for _ in range(bool(cell.warning))
@@ -55,15 +78,21 @@ def link_findings(
         return [Finding("link", "broken", "fail", str(error), "no motion")]
 
 
+def _record(logs: Path) -> Path:
+    with suppress(OSError):  # what is written there says why it cannot be
+        logs.mkdir(parents=True, exist_ok=True)
+    return free_name(logs, "check").with_suffix(".npz")
+
+
 def held_findings(
-    cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None
+    cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None, record: Path | None = None
 ) -> list[Finding]:
     """Judge an open cell and what its arms say while they are held; the arms are stopped then.
 
-    Raises HardwareError when the link breaks.
+    record: see bench_link. Raises HardwareError when the link breaks.
     """
     try:
-        figures = bench_link(cell, ticks, description, stop)
+        figures = bench_link(cell, ticks, description, stop, record)
     except HoldEnded as error:
         return [Finding("hold", str(error), "fail", "hold the key until it is over", "nothing was judged")]
     except ArmMoved as error:

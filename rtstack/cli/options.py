@@ -57,6 +57,9 @@ def check_new(path: Path) -> None:
         raise TrialError(f"cannot write {path}: the folder {path.parent} does not exist")
 
 
+Sign = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Sign the step of commissioning that this has carried out.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 ObjectName = Annotated[str, typer.Option("--object", help="An object of the cell.")]
 CellKind = Annotated[

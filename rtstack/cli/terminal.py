@@ -13,6 +13,7 @@ import typer
 from hal.cell import Cell
 from hal.errors import CommandRejected, HardwareError
 from rtstack.cells import load_description, open_cell, with_profile
+from rtstack.cells.commissioning import commissioned, sign
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
@@ -23,7 +24,7 @@ from rtstack.loop.watchdogs import Parent
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.carry_out import PreparedRun, R, carry_out
 from rtstack.trials.errors import TrialError
-from rtstack.trials.record import TrialLog
+from rtstack.trials.record import TrialLog, free_name
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
 
@@ -35,7 +36,8 @@ class Terminal(CellHost):
     """Runs on a cell of `kind`. Arms that are not simulated move only while a person holds the space bar.
 
     what: the motion, for the person who confirms it. bar: the label of the progress bar, "" for none. log_path: of the
-    log; None: nothing is written. led: see PreparedRun. softly: Ctrl-C brakes along the path. record: what the log says
+    log; None: none of simulated arms, and a free name of real ones. led: see PreparedRun. softly: Ctrl-C brakes along
+    the path. record: what the log says
     of the campaign that the run is part of.
     """
 
@@ -62,7 +64,8 @@ class Terminal(CellHost):
     def of(cls, cell: str, profile: str | None, cell_file: Path | None, what: str, **more: Any) -> "Terminal":
         """Return the terminal for a command's options. Raises TrialError, ConfigurationError, LogError."""
         kind = with_profile(cell, profile)
-        host = cls(kind, *load_description(cell_file, kind), what, **more)
+        description, source = load_description(cell_file, kind)
+        host = cls(kind, commissioned(kind, description, source), source, what, **more)
         if host.log_path is not None:
             check_log_path(host.log_path)
         return host
@@ -144,6 +147,11 @@ class Terminal(CellHost):
             raise TrialError(f"the arms do not recover: {error}") from None
         return cell
 
+    def sign(self, step: str, by: str, values: Mapping[str, float | str], log: str | None = None) -> None:
+        """Sign a step of commissioning. Raises ConfigurationError."""
+        description, file = load_description(self.cell_file, self.kind)
+        sign(step, by, values, description, file, log=Path(log or "").name)
+
     @property
     def has_person(self) -> bool:
         return self.check().needed
@@ -203,9 +211,15 @@ class Terminal(CellHost):
                 yield context
 
     def log(self, run: PreparedRun, cell: Cell) -> TrialLog | None:
-        if self.log_path is None:
+        path = self.log_path
+        if path is None and not self.has_person:
             return None
-        return run.open_log(self.log_path, self.kind, self.cell_file, cell, self.record)
+        if path is None:  # no motion of real arms without a record
+            path = free_name(Path("logs"), run.specification.log_stem)
+            with suppress(OSError):  # the log says why it cannot be written
+                path.parent.mkdir(exist_ok=True)
+            print(f"rtstack: log: {path}", file=sys.stderr)
+        return run.open_log(path, self.kind, self.cell_file, cell, self.record)
 
 
 def _recover(cell: Cell) -> None:

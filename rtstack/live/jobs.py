@@ -117,7 +117,7 @@ class Jobs:
             manager.started(None)
             watchdogs = (*watchdogs, self._held_clutch(_FIRST_HOLD_S if by_hand else _HOLD_S))
         yield RunContext(
-            live=self._rings, stop=mailbox, progress=manager.progress if run.logged else None, watchdogs=watchdogs,
+            live=self._rings, stop=mailbox, progress=manager.progress, watchdogs=watchdogs,
             run_observer=self._run_observer, soft_stop=Finish(mailbox, manager.job_number), mailbox=mailbox,
         )  # fmt: skip
 
@@ -132,8 +132,8 @@ class Jobs:
         return clutch
 
     def log(self, run: PreparedRun, cell: Cell) -> TrialLog | None:
-        """See Host: start the log of a run, and show that it has started."""
-        if not run.logged:
+        """See Host: start the log of a run, and show that it has started. Simulated arms that are led need none."""
+        if run.led and run.description.simulated:
             return None
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
@@ -151,14 +151,3 @@ def _script(faults: str) -> Iterator[Path]:
         script.write(faults)
         script.flush()
         yield Path(script.name)
-
-
-def free_name(logs: Path, request: RunRequest) -> Path:
-    """Return where the log of a job goes: by its time and kind; an existing file is never taken."""
-    stem = f"{time.strftime('%Y%m%d-%H%M%S')}-{request.specification.log_stem}"
-    path = logs / f"{stem}.mcap"
-    number = 2
-    while path.exists():
-        path = logs / f"{stem}-{number}.mcap"
-        number += 1
-    return path

@@ -28,7 +28,7 @@ from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
-from rtstack.live.jobs import Jobs, free_name
+from rtstack.live.jobs import Jobs
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
 from rtstack.live.protocol import JobState, RunRequest
@@ -45,6 +45,7 @@ from rtstack.samples import ARM_SAMPLE, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
+from rtstack.trials.record import free_name
 from rtstack.trials.run_context import RunEvent
 
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
@@ -179,7 +180,7 @@ class Robot:
                 )
 
     def _carry_out(self, order: RunRequest) -> None:
-        log = self._logs / order.log if order.log else free_name(self._logs, order)
+        log = self._logs / order.log if order.log else free_name(self._logs, order.specification.log_stem)
         self._end = None
         try:
             result = self._jobs.run(order, log)

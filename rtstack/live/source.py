@@ -7,6 +7,7 @@ from pathlib import Path
 from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import kind_of, load_description, open_cell
+from rtstack.cells.commissioning import commissioned
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
 
@@ -41,6 +42,7 @@ def described_as(file: Path, kind: str) -> CellDescription:
     found, argument = kind_of(kind)
     found.check(argument, description, file)
     found.measured(argument, description, file)
+    description = commissioned(kind, description, file)
     return replace(description, simulated=found.simulated(argument, description))
 
 

@@ -266,7 +266,8 @@ class CellDescription:
     unexpected_impact: what a trial does about one that asks for nothing; by default it stops where the arms are real.
     enforce_realtime: real arms, not those on this machine, are refused on a kernel that is not real-time. calibration:
     needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the file that
-    `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
+    `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder. refused: kinds of run that are
+    not allowed on this cell, each with the reason; see rtstack.cells.commissioning.
     """
 
     name: str
@@ -287,6 +288,7 @@ class CellDescription:
     load_after_stop: LoadPolicy = LoadPolicy.HOLD
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
+    refused: dict[str, str] = field(default_factory=dict)
     cameras: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,15}$")], CameraDescription] = field(
         default_factory=dict
     )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from rtstack.safety.limits import SafetyLimits
 
 SLOWEST_M_S, FASTEST_M_S, SPEED_M_S = 0.05, 0.4, 0.2
+SPEED_SHARE = 0.8  # of the judge's limit: the arms swing about their command
 TURN_RAD_M = 2.5  # of the speed: an end effector at 0.4 m/s turns at 1 rad/s at most
 SOFTEST_N_M, HARDEST_N_M, STIFFNESS_N_M = 100.0, 600.0, 300.0  # the last one: K_r of the reference-spreading paper
 AHEAD_M, AHEAD_RAD = 0.25, 0.8  # of the command: what is further away is a jump, and is not followed
@@ -20,13 +21,18 @@ GAP_M = 0.04  # between both pads' faces along y, so that empty hands do not cla
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """The box that requests are kept in: lower and upper (3,), m, of the middle of the pad's face in the world."""
+    """The box that requests are kept in: lower and upper (3,), m, of the middle of the pad's face in the world.
+
+    fastest_m_s: of the pad.
+    """
 
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
+    fastest_m_s: float = FASTEST_M_S
 
     @classmethod
     def within(cls, limits: SafetyLimits) -> "Reach":
-        """Return the judge's box, a margin inside."""
+        """Return the judge's box and speed, a margin inside."""
+        fastest = min(FASTEST_M_S, SPEED_SHARE * limits.ee_speed_max)
         below = (INSIDE_M, INSIDE_M, INSIDE_FLOOR_M)
-        return cls(np.array(limits.ee_lower) + below, np.array(limits.ee_upper) - INSIDE_M)
+        return cls(np.array(limits.ee_lower) + below, np.array(limits.ee_upper) - INSIDE_M, fastest)

@@ -21,7 +21,7 @@ from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import SIDES, Level
 from rtstack.teleoperation.follower import AIM, FOLLOWER, advance, aim, begin, hold, write_point
 from rtstack.teleoperation.policy_lead import PolicyLead
-from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M, TURN_RAD_M, Reach
+from rtstack.teleoperation.reach import HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M, TURN_RAD_M, Reach
 from rtstack.topics import HAND_TOPIC
 
 _STIFFER_N_M = 500.0 * CONTROL_PERIOD_S  # a tick: a stiffness that jumped would be a force that jumps
@@ -212,7 +212,7 @@ class TeleoperationSource:
 
     def _set(self, speed: float, stiffness: float) -> None:
         if np.isfinite(speed):
-            self._speed = min(max(speed, SLOWEST_M_S), FASTEST_M_S)
+            self._speed = min(max(speed, SLOWEST_M_S), self._reach.fastest_m_s)
         if np.isfinite(stiffness):
             self._stiffness = min(max(stiffness, SOFTEST_N_M), HARDEST_N_M)
 

@@ -16,6 +16,7 @@ from rtstack.control.modes import Strategy
 from rtstack.control.parameters import DetectorParameters
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import cell_controller, cell_parameters, following
+from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
 from rtstack.trials.record import RunLog, TrialLog, open_log
 from rtstack.trials.result import Result
@@ -30,12 +31,11 @@ class PreparedRun(Generic[R]):
     """A run whose specification was read and checked; no cell and no log is open yet. Base of all kinds of run.
 
     keeps_open_cell: it runs on the cell as it is, with what the pads hold. led: a person leads the arms, whose geometry
-    need not have been measured. logged: a log can be written.
+    need not have been measured.
     """
 
     keeps_open_cell: ClassVar[bool] = False
     led: ClassVar[bool] = False
-    logged: ClassVar[bool] = True
     specification: Any
     description: CellDescription
 
@@ -48,6 +48,11 @@ class PreparedRun(Generic[R]):
     def noise_seed(self) -> int | None:
         """Seed of a simulated cell's noise; None: that of the specification."""
         return None
+
+    @property
+    def refusal(self) -> str:
+        """Why the cell refuses this kind of run, "" where it does not."""
+        return self.description.refused.get(self.specification.verb, "")
 
     def look(self, cell: Cell) -> str:
         """Return in one line what is to be known of the open cell before it runs, "" for nothing: what the arms feel at
@@ -101,6 +106,8 @@ class Host(Protocol):
 
 def carry_out(run: PreparedRun[R], host: Host) -> R:
     """Carry out a prepared run. Raises TrialError, LogError, HardwareError; then no arm has moved."""
+    if run.refusal:
+        raise TrialError(run.refusal)
     if not run.description.simulated:  # compiled, or loaded, before a robot is connected to and a person is asked
         cell_controller(run.description, cell_parameters(run.description), following(Strategy.PROPOSED), 0.0)
     with host.cell(run) as cell:

@@ -104,7 +104,6 @@ class PreparedGuide(PreparedRun[GuideResult]):
 
     keeps_open_cell: ClassVar[bool] = True
     led: ClassVar[bool] = True
-    logged: ClassVar[bool] = False
     specification: GuideSpecification
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None = None) -> GuideResult:

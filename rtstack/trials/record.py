@@ -1,6 +1,7 @@
 """The log of one trial: rings, log process, and what is written about the trial besides its samples."""
 
 import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -240,6 +241,15 @@ def open_log(
         rings.close()
         raise
     return TrialLog(path, rings, process, lockstep, cameras)
+
+
+def free_name(logs: Path, stem: str) -> Path:
+    """Return where the log of a run goes: by the time and its kind; an existing file is never taken."""
+    path = logs / f"{time.strftime('%Y%m%d-%H%M%S')}-{stem}.mcap"
+    number, first = 2, path.stem
+    while path.exists():
+        path, number = logs / f"{first}-{number}.mcap", number + 1
+    return path
 
 
 def _versions(specification: Specification) -> dict[str, str]:

@@ -321,10 +321,7 @@ class MoveSpecification(_Asked):
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class GuideSpecification(_Asked):
-    """A person pushes the arms, in a fault too, which stays. seconds: of the robot's time at most; None: no limit.
-
-    Writes no log.
-    """
+    """A person pushes the arms, in a fault too, which stays. seconds: of the robot's time at most; None: no limit."""
 
     kind: ClassVar[str] = "guide"
     verb: ClassVar[str] = "guide"

@@ -6,7 +6,7 @@ links of the table and of the other arm. The arms follow the way under torque, w
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2
 
 import numpy as np
@@ -63,6 +63,7 @@ CLEAR_OF_EACH_OTHER_M = 0.05
 DIP_M = 0.001  # a straight way in the joints is none in space
 LOOKS = 60  # along the way
 NEWTON_STEPS = 20
+SPEED_SHARE = 0.8  # of the judge's limit of the pad's speed: the arms swing about their way
 SETTLE_S = 0.3  # the arms come to rest at the end of the way
 REACH_M = 0.01  # a straight way in the joints is none in space
 MOVED_RAD = 0.02  # further from where the way began an arm was moved after it had been looked at
@@ -107,13 +108,17 @@ class StartMotion:
     limits: StartMotionLimits
 
     def laws(
-        self, arms: Sequence[ArmController], friction: Sequence[FrictionParameters], now: Array
+        self, arms: Sequence[ArmController], friction: Sequence[FrictionParameters], now: Array, limits: PairLimits
     ) -> tuple[list[JointLaw], float]:
-        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s. Raises
-        TrialError where the arms are not where the way began."""
+        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s.
+
+        limits: the judge's, whose speed of the pad the way stays below. Raises TrialError where the arms are not where
+        the way began."""
         if np.abs(now - self.path.start).max() > MOVED_RAD:
             raise TrialError("an arm was moved before its way to the start began: give the command again")
         path = JointPath.between(now, self.path.goal, self.limits)
+        slower = max(_pad_speed(path, arms) / (SPEED_SHARE * min(own.ee_speed_max for own in limits)), 1.0)
+        path = replace(path, duration_s=slower * path.duration_s)
         t_s = np.arange(max(2, round(path.duration_s / CONTROL_PERIOD_S) + 1)) * CONTROL_PERIOD_S
         q = np.array([path.at(t) for t in t_s.tolist()])
         dq = np.gradient(q, CONTROL_PERIOD_S, axis=0)
@@ -125,6 +130,17 @@ class StartMotion:
         """What happens, for the log."""
         furthest = np.abs(self.path.goal - self.path.start).max()
         return f"to the start pose in {self.path.duration_s:.1f} s, at most {furthest:.2f} rad a joint"
+
+
+def _pad_speed(path: JointPath, arms: Sequence[ArmController]) -> float:
+    """Return the largest speed of a pad along a way, m/s."""
+    t_s = np.linspace(0.0, path.duration_s, LOOKS)
+    q = np.array([path.at(t) for t in t_s.tolist()])
+    dq = np.gradient(q, t_s, axis=0)
+    return max(
+        float(np.linalg.norm(arm.observed_at(q[i, k], dq[i, k])["twist"][:3]))
+        for i in range(LOOKS) for k, arm in enumerate(arms)
+    )  # fmt: skip
 
 
 class MeasuredPoints(Watchdog):

@@ -1,5 +1,6 @@
 """Arms that are not simulated on this machine: which set-ups are refused, and that a person holds the key meanwhile."""
 
+import contextlib
 import datetime
 import os
 import signal
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from hal.base.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
 from rtstack.cells.simulator import Simulator
@@ -18,7 +20,7 @@ from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from rtstack.trials.errors import TrialError
 from tests.support.campaigns import two_controllers
-from tests.support.real_cell import CALIBRATED, write_cell_file
+from tests.support.real_cell import CALIBRATED, commission, write_cell_file
 from tests.support.terminal import Terminal
 
 LEFT, RIGHT = "192.0.2.2", "192.0.2.3"  # of a network that is nobody's (RFC 5737)
@@ -41,6 +43,8 @@ def cell_file(folder: Path, *changes: tuple[str, str]) -> Path:
         assert old in text
         text = text.replace(old, new)
     path.write_text(text)
+    with contextlib.suppress(ConfigurationError):
+        commission(path)
     return path
 
 
