@@ -135,24 +135,16 @@ def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEnt
         content = json.loads(known[2])
     else:
         condition, metadata = _read(path)
-        content = {
-            "condition": condition,
-            "kind": metadata.get("trial", {}).get("kind", "trial"),
-            "trial": metadata.get("trial"),
-            "result": metadata.get("result"),
-        }
+        trial = metadata.get("trial")
+        content = {"condition": condition, "kind": (trial or {}).get("kind", "trial"), "trial": trial}
+        content["result"] = metadata.get("result")
         row = (path.name, status.st_size, status.st_mtime_ns, json.dumps(content))
         cache.execute("INSERT OR REPLACE INTO logs VALUES (?, ?, ?, ?)", row)
+    log_id = hashlib.blake2b(path.name.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest()
     return LogEntry(
-        id=hashlib.blake2b(path.name.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest(),
-        path=path,
-        kind=content["kind"],
-        trial=content["trial"],
-        result=content["result"],
-        size_bytes=status.st_size,
-        modified_s=status.st_mtime_ns * 1e-9,
-        condition=LogCondition(content["condition"]),
-    )
+        log_id, path, content["kind"], content["trial"], content["result"], status.st_size, status.st_mtime_ns * 1e-9,
+        LogCondition(content["condition"]),
+    )  # fmt: skip
 
 
 def _read(path: Path) -> tuple[LogCondition, dict[str, dict[str, str]]]:

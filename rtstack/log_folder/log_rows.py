@@ -85,31 +85,21 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
     acceptance, remarks = _acceptance(entry), remarks_on(entry)
     ending = _ending(success, values.get("impact_verdict"))
     return LogRow(
-        id=entry.id,
-        name=entry.path.name,
+        displacement_mm=_number(values.get("displacement_mm")), yaw_deg=_number(values.get("yaw_deg")),
+        displacement_x_mm=_number(values.get("displacement_x_mm")), max_lift_mm=_number(values.get("max_lift_mm")),
+        average_force_norm=_number(values.get("average_force_norm")),
+        id=entry.id, name=entry.path.name, when=entry.modified_s, size_bytes=entry.size_bytes,
         kind="not ours" if entry.condition is LogCondition.FOREIGN else entry.kind,
-        controller=_text(values.get("controller")),
-        object=_text(values.get("object")),
-        displacement_mm=_number(values.get("displacement_mm")),
-        seed=None if seed is None else int(seed),
-        success=success,
+        controller=_text(values.get("controller")), object=_text(values.get("object")),
+        seed=None if seed is None else int(seed), success=success, ending=ending,
         outcome=_outcome(entry, entry.path.name == being_written, success, values),
         verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
         note=remarks.note or (acceptance.note if acceptance is not None else "") or _text(values.get("note")),
-        average_force_norm=_number(values.get("average_force_norm")),
-        max_lift_mm=_number(values.get("max_lift_mm")),
-        when=entry.modified_s,
-        size_bytes=entry.size_bytes,
         recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, acceptance)),
         title=acceptance.name if acceptance is not None else "",
         decision=str(acceptance.verdict) if acceptance is not None else None,
-        displacement_x_mm=_number(values.get("displacement_x_mm")),
-        yaw_deg=_number(values.get("yaw_deg")),
-        law_inertia=(entry.trial or {}).get("law_inertia"),
-        ending=ending,
-        starred=remarks.starred,
-        tags=remarks.tags,
-    )
+        law_inertia=(entry.trial or {}).get("law_inertia"), starred=remarks.starred, tags=remarks.tags,
+    )  # fmt: skip
 
 
 def remarks_on(entry: LogEntry) -> Remarks:

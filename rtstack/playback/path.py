@@ -157,19 +157,10 @@ STEP_S = 1e-3  # of the log's time, between two stations
 
 # One arm at one moment s of the log. position m, rotation (3, 3) in the world; along (6): derivative of the pose by s,
 # bend (6): its second derivative, push and push_bend: Lambda times them, N and Nm; xi rad and its derivatives
-STATION = np.dtype(
-    [
-        ("position", "f8", 3),
-        ("rotation", "f8", (3, 3)),
-        ("along", "f8", 6),
-        ("bend", "f8", 6),
-        ("push", "f8", 6),
-        ("push_bend", "f8", 6),
-        ("xi", "f8"),
-        ("xi_along", "f8"),
-        ("xi_bend", "f8"),
-    ]
-)
+STATION = np.dtype([
+    ("position", "f8", 3), ("rotation", "f8", (3, 3)), ("along", "f8", 6), ("bend", "f8", 6), ("push", "f8", 6),
+    ("push_bend", "f8", 6), ("xi", "f8"), ("xi_along", "f8"), ("xi_bend", "f8"),
+])  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

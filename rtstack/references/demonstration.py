@@ -4,6 +4,7 @@ Variations are numbered. Each differs from the next in speed, path, height and t
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,24 +51,15 @@ def grab(
     """
     given = {"speed_y": speed_m_s, "squeeze": squeeze_m, "squeeze_s": squeeze_s}
     rng = np.random.default_rng([variation, 0x6772])
-    script = (
-        Grab()
-        if variation == 0
-        else Grab(
-            approach_s=rng.uniform(0.95, 1.15),
-            squeeze_s=rng.uniform(0.5, 0.65),
-            lift_s=rng.uniform(1.1, 1.35),
-            carry_s=rng.uniform(0.5, 0.7),
-            lower_s=rng.uniform(1.05, 1.2),
-            speed_y=rng.uniform(0.3, 0.38),
-            speed_z=rng.uniform(0.12, 0.16),
-            squeeze=rng.uniform(0.105, 0.13),
-            lift=rng.uniform(0.2, 0.27),
-            carry_x=rng.uniform(-0.04, 0.08),
-            height=rng.uniform(0.01, 0.03),
-            lag_s=(rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.004)),
-        )
-    )
+    script = Grab()
+    if variation:
+        ranges = {
+            "approach_s": (0.95, 1.15), "squeeze_s": (0.5, 0.65), "lift_s": (1.1, 1.35), "carry_s": (0.5, 0.7),
+            "lower_s": (1.05, 1.2), "speed_y": (0.3, 0.38), "speed_z": (0.12, 0.16), "squeeze": (0.105, 0.13),
+            "lift": (0.2, 0.27), "carry_x": (-0.04, 0.08), "height": (0.01, 0.03),
+        }  # fmt: skip
+        drawn: dict[str, Any] = {name: rng.uniform(*ends) for name, ends in ranges.items()}  # in this order
+        script = Grab(**drawn, lag_s=(rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.004)))
     return replace(script, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -78,13 +70,9 @@ def duration_s(script: Grab) -> float:
 
 
 def scripted_targets(
-    script: Grab,
-    models: tuple[ArmModel, ArmModel],
-    homes: Array,
-    thing: ObjectDescription,
-    table: Table,
+    script: Grab, models: tuple[ArmModel, ArmModel], homes: Array, thing: ObjectDescription, table: Table,
     period_s: float,
-) -> NDArray:
+) -> NDArray:  # fmt: skip
     """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad.
 
     On the way to the object the pads turn until their faces are parallel to its sides in the world, as a person who

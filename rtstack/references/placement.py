@@ -3,7 +3,7 @@
 No impact: the pads close at CLOSING_M_S, and press as hard as friction needs, with a margin.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,16 +57,11 @@ def carried(
     turn = wanted.yaw_rad - stands.yaw_rad
     carry_s = max(1.0, float(np.linalg.norm(there - here)) / CARRY_M_S, abs(turn) / TURN_RAD_S)
     close_s = (apart - closed) / CLOSING_M_S
+    held, put = _Grip(here, stands.yaw_rad, closed), _Grip(there, wanted.yaw_rad, closed)
     steps = [
-        (0.0, _Grip(here, stands.yaw_rad, apart)),
-        (close_s, _Grip(here, stands.yaw_rad, closed)),
-        (REST_S, _Grip(here, stands.yaw_rad, closed)),
-        (LIFT_S, _Grip(here + up, stands.yaw_rad, closed)),
-        (carry_s, _Grip(there + up, wanted.yaw_rad, closed)),
-        (LIFT_S, _Grip(there, wanted.yaw_rad, closed)),
-        (REST_S, _Grip(there, wanted.yaw_rad, closed)),
-        (close_s, _Grip(there, wanted.yaw_rad, apart)),
-    ]
+        (0.0, replace(held, gap=apart)), (close_s, held), (REST_S, held), (LIFT_S, replace(held, centre=here + up)),
+        (carry_s, replace(put, centre=there + up)), (LIFT_S, put), (REST_S, put), (close_s, replace(put, gap=apart)),
+    ]  # fmt: skip
     sides = [float(np.sign(position[1])) for position, _ in poses]
     for model, home, side, (_, rotation) in zip(models, homes, sides, poses, strict=True):
         for grip in (steps[0][1], steps[-1][1]):

@@ -168,15 +168,10 @@ def load_recording(
 
 
 def recording_of(
-    log: Log,
-    arms: Sequence[ArmController],
-    detector: DetectorParameters,
-    period_s: float,
-    acceptance: Acceptance | None = None,
-    patient: bool = False,
-    progress: Callable[[float], None] | None = None,
+    log: Log, arms: Sequence[ArmController], detector: DetectorParameters, period_s: float,
+    acceptance: Acceptance | None = None, patient: bool = False, progress: Callable[[float], None] | None = None,
     sides: Sequence[str] = SIDES,
-) -> Recording:
+) -> Recording:  # fmt: skip
     """Return the recording in an open log, as load_recording does.
 
     acceptance: what a person said about it, by default what is kept beside it. patient: what cannot be followed is
@@ -269,18 +264,10 @@ def recording_of(
     held = held[held >= impact]
     release = int(held[-1]) if len(held) else impact
     return Recording(
-        points=points,
-        period_s=period_s,
-        impact=impact,
-        release=release,
-        object=thing,
-        detected=detected,
-        problem=problem,
-        measured=measured,
-        begin_s=begin * period_s,
-        whole=whole,
+        points, period_s, impact, release, thing, detected=detected, problem=problem, measured=measured,
+        begin_s=begin * period_s, whole=whole,
         hits=tuple(hit - kept.start if hit < kept.stop else None for hit in hits),
-    )
+    )  # fmt: skip
 
 
 def _kept(path: Path, accepted: Acceptance, n: int, period_s: float) -> slice:

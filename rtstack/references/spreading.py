@@ -71,17 +71,11 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
             ante[arm]["wrench_ff"][p:] += recording.load[arm]
             if recording.motion is Motion.GRAB:
                 post[arm]["wrench_ff"][:p] -= recording.load[arm]
+    release_s, expected = recording.release * recording.period_s, recording.expected_impact(p - recording.impact)
     return ExtendedReference(
-        ante=ante,
-        post=post,
-        period_s=recording.period_s,
-        nominal_impact_s=recording.impact_s,
-        release_s=recording.release * recording.period_s,
-        object=recording.object,
-        motion=recording.motion,
-        impact=recording.expected_impact(p - recording.impact),
+        ante, post, recording.period_s, recording.impact_s, release_s, recording.object, recording.motion, expected,
         planned=recording.load is not None,
-    )
+    )  # fmt: skip
 
 
 def _hold_velocity(points: NDArray, pivot: int, indices: NDArray, period_s: float) -> None:

@@ -30,21 +30,11 @@ _SMOOTH, _SOFT = round(SMOOTH_S / CONTROL_PERIOD_S), round(SOFT_S / CONTROL_PERI
 _STEP = CONTROL_PERIOD_S / LOW_PASS_S
 
 # One arm's filter: the pose at which it began, what is asked for, and the three steps. Coordinates (6,): m, rad.
-FOLLOWER = np.dtype(
-    [
-        ("origin", "f8", (3, 3)),
-        ("goal", "f8", 6),
-        ("followed", "f8", 6),
-        ("smooth", "f8", (_SMOOTH, 6)),
-        ("soft", "f8", (_SOFT, 6)),
-        ("command", "f8", 6),
-        ("velocity", "f8", 6),
-        ("tick", "i8"),
-        ("turn", "f8", (3, 3)),
-        ("relative", "f8", (3, 3)),
-        ("three", "f8", 3),
-    ]
-)
+FOLLOWER = np.dtype([
+    ("origin", "f8", (3, 3)), ("goal", "f8", 6), ("followed", "f8", 6), ("smooth", "f8", (_SMOOTH, 6)),
+    ("soft", "f8", (_SOFT, 6)), ("command", "f8", 6), ("velocity", "f8", 6), ("tick", "i8"),
+    ("turn", "f8", (3, 3)), ("relative", "f8", (3, 3)), ("three", "f8", 3),
+])  # fmt: skip
 
 
 @compiled
