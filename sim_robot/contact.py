@@ -38,20 +38,15 @@ def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject, known:
     on_table = series(thing.stiffness, scene.table.stiffness)
     _set(model, slice(None), scene, on_table, damping(on_table), w_object)
     for side, place, identified in zip(scene.sides, scene.arms, known, strict=True):
+        ends, on_end = [f"{side}_pad"], identified or series(thing.stiffness, scene.pad.stiffness)
         if place.hand is not None:
-            on_finger = series(thing.stiffness, place.hand.stiffness)
-            for number in (1, 2):
-                body = model.body(f"{side}_finger{number}").id
-                geom = model.geom(f"{side}_finger{number}").id
-                _set(model, geom, scene, on_finger, damping(on_finger), w_object + weights[body])
-            continue
-        body = model.body(f"{side}_pad").id
-        geom = model.geom(f"{side}_pad").id
-        if scene.platform is not None:  # which does not move
-            _set(model, geom, scene, scene.platform.stiffness, scene.platform.damping, weights[body])
-            continue
-        on_pad = identified or series(thing.stiffness, scene.pad.stiffness)
-        _set(model, geom, scene, on_pad, damping(on_pad), w_object + weights[body])
+            ends, on_end = [f"{side}_finger{k}" for k in (1, 2)], series(thing.stiffness, place.hand.stiffness)
+        for end in ends:
+            geom, weight = model.geom(end).id, weights[model.body(end).id]
+            if scene.platform is not None and place.hand is None:  # which does not move
+                _set(model, geom, scene, scene.platform.stiffness, scene.platform.damping, weight)
+            else:
+                _set(model, geom, scene, on_end, damping(on_end), w_object + weight)
 
 
 def _set(

@@ -12,12 +12,13 @@ from hal.compilation import bound
 from hal.displacement import Displacement
 from hal.errors import HardwareError
 from sim_robot.arm_description import JOINTS, arm_description
+from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
 from sim_robot.model import build_cell
 from sim_robot.near_geoms import look_at_all, masks_of, near_of, pairs_of
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.profile import ARM_DRAW, Profile, load_profile
 from sim_robot.scatter import DrawnArm, as_twin, draw_arm, draw_estimate_error, own_model, with_own_friction
-from sim_robot.scene import ArmPlacement, PlacementScatter, Scene
+from sim_robot.scene import PlacementScatter, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
 EDGE_RAD = 2e-3
@@ -27,20 +28,6 @@ AWAY_M = 10.0
 
 class SimulationDiverged(HardwareError):
     """The simulation produced an absurd velocity or a number that is not finite, and cannot go on."""
-
-
-def pad_face(place: ArmPlacement, joint_T_face: Array) -> Array:
-    """Return the pad's face in the start pose, (3,) m in the world, from the nominal kinematics."""
-    T = np.eye(4)
-    rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, np.array(place.T_world_base_wxyz))
-    T[:3, :3], T[:3, 3] = rotation.reshape(3, 3), place.T_world_base_position
-    for T_parent_joint, angle in zip(arm_description(place.robot).T_parent_joint, place.home, strict=True):
-        turn = np.eye(4)
-        c, s = np.cos(angle), np.sin(angle)
-        turn[:2, :2] = [[c, -s], [s, c]]
-        T = T @ T_parent_joint @ turn
-    return T[:3, 3] + T[:3, :3] @ joint_T_face[:3, 3]
 
 
 def faces(scene: Scene) -> Array:
@@ -57,10 +44,15 @@ def faces(scene: Scene) -> Array:
 
 
 def _pad_faces_y(scene: Scene) -> tuple[float, float]:
-    """Return where the pads begin along y, m: between them is the object's place.
+    """Return where the pads begin along y, m, by the nominal kinematics: between them is the object's place.
 
     A hand, and an arm that is not there, leave their side open: infinity."""
-    y = [float(pad_face(*arm)[1]) for arm in zip(scene.arms, faces(scene), strict=True)]
+    y, body, from_base = [], np.zeros(1, KINEMATICS_RECORD)[0], np.zeros(3)
+    for place, face in zip(scene.arms, faces(scene), strict=True):
+        body["T_parent_joint"], body["joint_T_face"] = arm_description(place.robot).T_parent_joint, face
+        forward_kinematics(body, np.array(place.home))
+        mujoco.mju_rotVecQuat(from_base, body["T"][:3, 3].copy(), np.array(place.T_world_base_wxyz))
+        y.append(place.T_world_base_position[1] + float(from_base[1]))
     left, right = (place is not None and place.hand is None for place in (scene.left, scene.right))
     # arms that were exchanged stand at each other's side
     return max(y) if left else np.inf, min(y) if right else -np.inf

@@ -51,8 +51,7 @@ def _take(tau_last, largest, error, tau):
         # written so that NaN is too large as well
         if not abs(tau[j] - tau_last[j]) <= largest:
             return error
-    for j in range(JOINTS):
-        tau_last[j] = tau[j]
+    tau_last[:] = tau
     return 0
 
 

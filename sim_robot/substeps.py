@@ -146,6 +146,5 @@ def advance_millisecond(
             i = arm * JOINTS + j
             motor.tau_J[j] = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (motor.dtheta[j] - qvel[i])
             motor.dq[j] = qvel[i]
-    for i in range(qpos.shape[0]):
-        near.qpos[i] = qpos[i]
+    near.qpos[:] = qpos
     return True

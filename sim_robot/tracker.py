@@ -43,8 +43,6 @@ class SimulatedTracker:
         self._plant = plant
         self._pose = plant.data.qpos[plant.first_of_object :]
         self._every_ms = round(1000.0 / parameters.rate_hz)
-        self._position_noise = 1e-3 * parameters.position_noise_mm
-        self._half_angle_noise = float(np.deg2rad(parameters.orientation_noise_deg) / 2.0)
         self._generator = np.random.default_rng(np.random.SeedSequence([seed, 2]))
         self._draws = np.zeros((BLOCK, 6))
         self._next = BLOCK
@@ -53,9 +51,8 @@ class SimulatedTracker:
         self._seen_bytes, self._given_bytes = (pose.record.view(np.uint8) for pose in (self._seen, self._given))
         self._is_new = False
         # compile, or load from the cache, before a clock runs
-        self._see = bound(
-            _see, self._pose, self._draws, self._position_noise, self._half_angle_noise, self._seen.record, later=(0, 0)
-        )
+        noise_m, half_angle = 1e-3 * parameters.position_noise_mm, np.deg2rad(parameters.orientation_noise_deg) / 2.0
+        self._see = bound(_see, self._pose, self._draws, noise_m, float(half_angle), self._seen.record, later=(0, 0))
 
     def update(self) -> None:
         """Look at the object when a frame is due. The cell calls it once a millisecond."""

@@ -87,9 +87,8 @@ def _judge_elbow(motion, command, setting, start, delbow, ddelbow):
     if not (limits[0, 2] <= elbow <= limits[1, 2] and abs(delbow) <= SPARE * most[_ELBOW, 0]):
         mask |= CMG_ELBOW
     # the vendor has no name of its own for an elbow that jumps
-    if not (abs(ddelbow) <= TOLERATED * most[_ELBOW, 1]):
-        mask |= CMG_ELBOW
-    if not (abs(ddelbow - motion.ddelbow_c[0]) / DT <= TOLERATED * most[_ELBOW, 2]):
+    jump = abs(ddelbow - motion.ddelbow_c[0]) / DT
+    if not (abs(ddelbow) <= TOLERATED * most[_ELBOW, 1] and jump <= TOLERATED * most[_ELBOW, 2]):
         mask |= CMG_ELBOW
     return mask
 

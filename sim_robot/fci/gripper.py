@@ -76,7 +76,12 @@ class GripperPort(Port):
         elif self._hand is None or session not in self._targets:
             self._distrust(session)
         else:
-            self._orders.append((session, command, command_id, self._order(self._hand, command, values)))
+            if command == _GRASP:
+                width, inner, outer, speed, force = values
+                values = width, speed, force, inner, outer
+            hand = self._hand
+            ordered = {_HOMING: hand.homing, _GRASP: hand.grasp, _MOVE: hand.move, _STOP: hand.stop}[command]
+            self._orders.append((session, command, command_id, ordered(*values)))
             self.settle()
 
     def _connect(self, session: Session, command_id: int, version: int, port: int) -> None:
@@ -88,13 +93,6 @@ class GripperPort(Port):
         else:
             self._targets[session] = (session.address, port)
         self._answer(session, _CONNECT, command_id, struct.pack("<HH", status, self._version))
-
-    @staticmethod
-    def _order(hand: Hand, command: int, values: tuple[float, ...]) -> Order:
-        if command == _GRASP:
-            width, inner, outer, speed, force = values
-            return hand.grasp(width, speed, force, inner, outer)
-        return {_HOMING: hand.homing, _MOVE: hand.move, _STOP: hand.stop}[command](*values)
 
     def _answer(self, session: Session, command: int, command_id: int, body: bytes) -> None:
         message = GRIPPER_HEADER.pack(command, command_id, GRIPPER_HEADER.size + len(body)) + body

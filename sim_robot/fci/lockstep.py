@@ -51,7 +51,6 @@ class Lockstep:
         self._idle_due_s = 0.0
         self._tidied_s = time.monotonic()
         self._were_moving = tuple(False for _ in server.arm_servers)
-        self._hands_moved = False
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve all arms."""
@@ -115,18 +114,9 @@ class Lockstep:
     def _begin_rest(self) -> None:
         self._resting, self._rest_ms, self._server.deferring = True, 0, True
 
-    def _note_hands(self) -> None:
-        """See a hand's motion that ended while no arm moves: its answer waits for the plant's rest too."""
-        moved, self._hands_moved = self._hands_moved, self._server.hands_move
-        if moved and not self._hands_moved and not any(arm_server.moving for arm_server in self._server.arm_servers):
-            self._begin_rest()
-        if not self._resting:
-            self._server.settle_grippers()
-
     def _step(self) -> None:
-        self._hands_moved = self._server.hands_move
-        self._server.advance()
-        arm_servers = self._server.arm_servers
+        server, arm_servers, hands_moved = self._server, self._server.arm_servers, self._server.hands_move
+        server.advance()
         self._note_changes()
         for arm_server in arm_servers:
             if not arm_server.moving:
@@ -139,8 +129,12 @@ class Lockstep:
                 arm_server.message_id = max(arm_server.message_id, newest)
             arm_server.show_new()
         self._in_step = moving
-        self._note_hands()
-        self._server.show_grippers()
+        # the answer to a hand's motion that ended while no arm moves waits for the plant's rest too
+        if hands_moved and not server.hands_move and not any(arm_server.moving for arm_server in arm_servers):
+            self._begin_rest()
+        if not self._resting:
+            server.settle_grippers()
+        server.show_grippers()
         self._idle_due_s = time.monotonic() + IDLE_PERIOD_S
 
     def _rest(self) -> None:

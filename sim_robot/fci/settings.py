@@ -6,7 +6,7 @@ from hal.base.arrays import Array
 from hal.limits import COLLISION_TORQUES
 from hal.pad import Pad
 from hal.robots import RobotModel
-from sim_robot.arm_description import JOINTS, arm_description
+from sim_robot.arm_description import JOINTS
 from sim_robot.hand_parameters import FrankaHand
 
 # Transforms are row-major here. thresholds: lower and upper while accelerating, lower and upper at constant velocity.
@@ -16,7 +16,6 @@ SETTINGS_RECORD = np.dtype(
         ("face_T_EE", "f8", (4, 4)),  # from the pad's face, where the sensors estimate the wrench
         ("face_T_K", "f8", (4, 4)),
         ("face_T_F", "f8", (4, 4)),  # the flange in the pad's face
-        ("flange_offset_z", "f8"),
         ("m_ee", "f8"),
         ("I_ee", "f8", 9),
         ("F_x_Cee", "f8", 3),
@@ -77,7 +76,6 @@ class Settings:
     ) -> None:
         """hand: what Desk has set as the end effector instead of the pad."""
         self.record = record
-        flange = arm_description(model).flange_offset_z
         limits, cartesian = model.limits, model.cartesian
         record["joint_limits"] = [
             limits.q_lower, limits.q_upper, limits.dq_max, *limits.enforced_velocity_law(), limits.ddq_max,
@@ -85,7 +83,6 @@ class Settings:
         ]  # fmt: skip
         record["cartesian_limits"] = cartesian.translation, cartesian.rotation, cartesian.elbow
         record["F_T_NE"] = pad.F_T_face
-        record["flange_offset_z"] = flange
         record["NE_T_EE"], record["EE_T_K"] = np.eye(4), np.eye(4)
         record["m_ee"] = pad.mass
         record["F_x_Cee"], record["I_ee"] = pad.F_x_centre, pad.I_centre.ravel()
