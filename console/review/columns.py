@@ -169,31 +169,18 @@ class LogColumns:
 class Columns:
     """The columns of one topic, read-only, mapped into memory: only what is looked at is read.
 
-    rows: how many samples there are already. t_ns (rows,); value, low and high of a signal by its column. Raises
-    Refused.
+    rows: how many samples there are already. t_ns (rows,), values (signals, rows), by a signal's column; low and high
+    (signals, buckets): the smallest and the largest of every BUCKET samples, the last of what is there so far included.
     """
 
     def __init__(self, folder: Path, topic: str, rows: int) -> None:
-        self.rows = rows
+        """Raises Refused."""
+        buckets = -(-rows // BUCKET)
         try:
-            files = [_mapped(_file(folder, topic, name)) for name in ("t_ns", "values", "low", "high")]
+            t_ns, values, low, high = (
+                _mapped(_file(folder, topic, name)) for name in ("t_ns", "values", "low", "high")
+            )
         except FileNotFoundError as error:
             raise Refused(409, "what was read of this log had to make room: ask again") from error
-        self.t_ns: NDArray[np.int64] = files[0][:rows]
-        self._values, self._low, self._high = files[1:]
-
-    def value(self, column: int) -> NDArray[np.float32]:
-        """Return every sample of a column, (rows,)."""
-        return self._values[column, : self.rows]
-
-    def block(self, row: int) -> NDArray[np.float32]:
-        """Return all columns at one row, (signals,)."""
-        return self._values[:, row]
-
-    def low(self, column: int) -> NDArray[np.float32]:
-        """Return the smallest of every BUCKET samples, the last of what is there so far included."""
-        return self._low[column, : -(-self.rows // BUCKET)]
-
-    def high(self, column: int) -> NDArray[np.float32]:
-        """Return the largest of every BUCKET samples."""
-        return self._high[column, : -(-self.rows // BUCKET)]
+        self.t_ns: NDArray[np.int64] = t_ns[:rows]
+        self.values, self.low, self.high = values[:, :rows], low[:, :buckets], high[:, :buckets]

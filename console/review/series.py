@@ -99,8 +99,8 @@ def _topic_difference(
     other_s = (others.t_ns - other.index.start_ns) * _NS + offset_s
     values = np.stack(
         [
-            np.interp(t_s, other_s, others.value(signal.column), left=np.nan, right=np.nan)
-            - columns.value(signal.column)[first:last]
+            np.interp(t_s, other_s, others.values[signal.column], left=np.nan, right=np.nan)
+            - columns.values[signal.column, first:last]
             for signal in signals
         ]
     ).astype(np.float32)
@@ -127,10 +127,10 @@ def _reduced(
     columns: Columns, column: int, first: int, last: int, bucket: int, reduce: np.ufunc
 ) -> NDArray[np.float32]:
     if bucket == 1:
-        return np.asarray(columns.value(column)[first:last])
+        return np.asarray(columns.values[column, first:last])
     if bucket < BUCKET:
-        return reduce.reduceat(columns.value(column)[first:last], np.arange(0, last - first, bucket))
-    level = columns.low(column) if reduce is np.fmin else columns.high(column)
+        return reduce.reduceat(columns.values[column, first:last], np.arange(0, last - first, bucket))
+    level = (columns.low if reduce is np.fmin else columns.high)[column]
     part = level[first // BUCKET : -(-last // BUCKET)]
     return reduce.reduceat(part, np.arange(0, len(part), bucket // BUCKET))
 
@@ -176,7 +176,7 @@ def moment(log: LogColumns, signals: Sequence[Signal], t_s: float) -> Moment:
         columns = log.of(topic)
         row = -1 if columns is None else int(np.searchsorted(columns.t_ns, t_ns, side="right")) - 1
         if columns is not None and row >= 0:
-            blocks[topic] = int(columns.t_ns[row]), columns.block(row)
+            blocks[topic] = int(columns.t_ns[row]), columns.values[:, row]
     values: dict[str, float | None] = {signal.name: None for signal in signals}
     for signal in signals:
         if signal.topic in blocks and np.isfinite(value := blocks[signal.topic][1][signal.column]):
@@ -216,7 +216,7 @@ def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float,
             columns, own_ns, first = rows
             places = np.searchsorted(own_ns, t_ns)
             here = own_ns[np.minimum(places, len(own_ns) - 1)] == t_ns
-            values = columns.value(signal.column)[first + places[here]]
+            values = columns.values[signal.column, first + places[here]]
             table[here, number] = [f"{value:.8g}" for value in values.tolist()]
         yield "".join(f"{t * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True))
 

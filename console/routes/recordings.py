@@ -49,7 +49,7 @@ def _peaks(log: LogColumns, side: str) -> np.ndarray:
     signal, found = signals()[f"{side}.pad_force"], np.zeros(WIDTH)
     columns = log.of(signal.topic)
     if columns is not None:
-        high = np.nan_to_num(columns.high(signal.column))
+        high = np.nan_to_num(columns.high[signal.column])
         high = np.repeat(high, -(-WIDTH // len(high)))  # a short log has fewer buckets than there are pixels
         np.maximum.at(found, (np.arange(len(high)) * WIDTH / len(high)).astype(int), high)
     return found

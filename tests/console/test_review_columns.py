@@ -75,7 +75,7 @@ def test_every_signal_of_every_topic_is_what_the_log_has(made):
         expected = column_block(topic, records)
         assert len(expected) == len(topic_signals(topic))
         for one in topic_signals(topic):
-            np.testing.assert_array_equal(columns.value(one.column), expected[one.column])
+            np.testing.assert_array_equal(columns.values[one.column], expected[one.column])
             field = records[one.field].reshape(len(records), -1)
             place = [s.component for s in topic_signals(topic) if s.field == one.field].index(one.component)
             np.testing.assert_allclose(expected[one.column], field[:, place], rtol=1e-6)
@@ -94,8 +94,8 @@ def test_the_vectorised_decoding_agrees_with_the_protobuf_library(made):
         parsed = message.FromString(data)
         assert t_ns == columns.t_ns[row]
         for name, value in (("left.q.2", parsed.q[1]), ("left.tau_applied.7", parsed.tau_applied[6])):
-            assert columns.value(signal(name).column)[row] == np.float32(value)
-        assert columns.value(signal("left.O_T_EE.x").column)[row] == np.float32(parsed.O_T_EE[12])  # column-major
+            assert columns.values[signal(name).column][row] == np.float32(value)
+        assert columns.values[signal("left.O_T_EE.x").column][row] == np.float32(parsed.O_T_EE[12])  # column-major
 
 
 @pytest.mark.parametrize("width", [16, 100, 640, 1000, 5000])
@@ -183,11 +183,11 @@ def test_a_writer_that_is_fed_in_pieces_writes_the_same(tmp_path):
     for first, last in pairwise(cuts):
         writer.append(records[first:last])
         columns = Columns(tmp_path, "/timing", writer.rows)
-        values = columns.value(0)
-        assert columns.high(0).max() == values.max()
-        assert columns.low(0).min() == values.min()
+        values = columns.values[0]
+        assert columns.high[0].max() == values.max()
+        assert columns.low[0].min() == values.min()
     writer.close()
-    np.testing.assert_array_equal(Columns(tmp_path, "/timing", 1000).value(0), records["period_us"].astype(np.float32))
+    np.testing.assert_array_equal(Columns(tmp_path, "/timing", 1000).values[0], records["period_us"].astype(np.float32))
 
 
 def test_a_file_that_cannot_be_read_says_so_in_one_line(tmp_path, capsys):
