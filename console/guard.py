@@ -5,12 +5,12 @@ A browser has a cookie, and has to show that a change comes from our own page: O
 has a bearer token, which no browser sends by itself, and needs neither.
 """
 
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import cookie_parser
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -62,9 +62,10 @@ class Guard:
         bearer = headers.get("authorization")
         stopper = None
         if bearer is None:
-            session = self._sign_in.browser(_cookie(headers, self._sign_in.cookie))
+            cookies = cookie_parser(headers.get("cookie", ""))
+            session = self._sign_in.browser(cookies.get(self._sign_in.cookie))
             if session is None:  # it has ended; a browser that might stop the arms may still do so
-                stopper = self._sign_in.stopper(_cookie(headers, self._sign_in.stop_cookie))
+                stopper = self._sign_in.stopper(cookies.get(self._sign_in.stop_cookie))
                 session = stopper if scope["path"] == _STOP else None
         else:
             kind, _, word = bearer.partition(" ")
@@ -137,14 +138,6 @@ class Guard:
             return clean
         scope["state"]["refused_token"] = True
         return None
-
-
-def _cookie(headers: Headers, name: str) -> str | None:
-    try:
-        morsel = SimpleCookie(headers.get("cookie", "")).get(name)
-    except CookieError:
-        return None
-    return None if morsel is None else morsel.value
 
 
 def _refuse(status: int, reason: str) -> Response:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from console.address import Address
 from console.refused import Refused
-from rtstack.access.tokens import Scope, Token, Tokens
+from rtstack.access.tokens import Scope, Tokens
 from rtstack.live.audit import AuditTrail
 
 _SESSION_S = 12 * 3600.0  # a shift
@@ -139,7 +139,9 @@ class SignIn:
             self._used_s[token.id] = time.time()
             session = self._sessions.get(self._programs.get(token.id, ""))
             if session is None:
-                session = self._admit(token)
+                key, name = secrets.token_urlsafe(32), self._free_name(token.name)
+                session = UserSession(key, "", float("inf"), name, token.scope, token.id)
+                self._sessions[key], self._programs[token.id] = session, key
             return session
 
     def used_s(self, token_id: str) -> float | None:
@@ -203,13 +205,6 @@ class SignIn:
         for oldest in list(self._stoppers)[: max(0, len(self._stoppers) - _MAX_SESSIONS + 1)]:
             del self._stoppers[oldest]
         self._stoppers[session.stop] = session
-        return session
-
-    def _admit(self, token: Token) -> UserSession:
-        key, name = secrets.token_urlsafe(32), self._free_name(token.name)
-        session = UserSession(key, "", float("inf"), name, token.scope, token.id)
-        self._sessions[session.key] = session
-        self._programs[token.id] = session.key
         return session
 
     def _may_go_on(self, session: UserSession) -> bool:

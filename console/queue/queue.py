@@ -51,14 +51,8 @@ class Queue:
     def view(self) -> QueueView:
         """Return how it is now."""
         with self._lock:
-            return QueueView(
-                running=self.operator is not None,
-                operator=self.operator,
-                reason=self._reason,
-                past_failures=self.past_failures,
-                time_left_s=time_left_s(self._entries, time.time()),
-                entries=tuple(self._entries),
-            )
+            left_s, operator, entries = time_left_s(self._entries, time.time()), self.operator, tuple(self._entries)
+            return QueueView(operator is not None, operator, self._reason, self.past_failures, left_s, entries)
 
     @property
     def room(self) -> int:

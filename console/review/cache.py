@@ -73,7 +73,11 @@ class ReviewCache:
                 while len(self._done) > _REMEMBERED:
                     del self._done[next(iter(self._done))]
             elif not begun and sum(process.poll() is None for process in self._readers.values()) < _AT_ONCE:
-                self._begin(entry.path, folder)
+                self._make_room()
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                process = self._readers[folder] = start("console.review.conversion", str(entry.path), str(folder))
+                (folder / _READER).write_text(str(process.pid))
                 index = None
             return None if index is None else LogColumns(folder, index)
 
@@ -87,14 +91,6 @@ class ReviewCache:
             self._done.pop(entry.id, None)
             for folder in self._directory.glob(f"{entry.id}-*"):
                 shutil.rmtree(folder, ignore_errors=True)
-
-    def _begin(self, log: Path, folder: Path) -> None:
-        self._make_room()
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
-        process = start("console.review.conversion", str(log), str(folder))
-        (folder / _READER).write_text(str(process.pid))
-        self._readers[folder] = process
 
     def close(self) -> None:
         """End what is being read, and remove what it has begun."""

@@ -176,8 +176,7 @@ class TeleopInput:
                 self._press_by_grip(*self._grip)
 
     def _press_by_grip(self, operator: str, made_ns: int) -> None:
-        began = self._by is None
-        if began or self._by_grip:
+        if self._by is None or self._by_grip:
             self.press(operator, made_ns)
             self._by_grip = True
 
