@@ -27,6 +27,7 @@ from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 _RECORD = struct.Struct("=q56d16d6dd2q")
 assert _RECORD.size == ARM_STATE.itemsize
 REQUEST_PATIENCE_S = 3.0  # a robot acknowledges at once; a machine under load may take a second
+_LATER_STATES = 100  # after a stop, until one shows the end of the motion
 _KINDS = (socket.SOCK_DGRAM, socket.SOCK_STREAM)
 
 
@@ -197,10 +198,19 @@ class FciArm:
         self.unread = False
         if self._robot is None or self._control is None:
             return
-        if not self._lost:
-            with contextlib.suppress(*VENDOR):
+        alive = not self._lost
+        try:
+            if alive:
                 self._robot.stop()
+        except VENDOR as error:
+            alive = not isinstance(error, franka.NetworkException)
+        # without it libfranka asks for a stop once more; where the box refuses that, it takes the motion to go on until
+        # it has seen a later state, and starts no other one
         self._control = None
+        with contextlib.suppress(*VENDOR):
+            for _ in range(_LATER_STATES * alive):
+                if int(self._robot.read_once().robot_mode) != RobotMode.MOVE:
+                    break
 
     def recover(self) -> None:
         """Clear a reflex. Raises RecoveryRefused while its cause persists or a person has to act, ConnectionLost.

@@ -15,7 +15,16 @@ from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.move import GOAL_DEVIATION, PATH_DEVIATION, MoveRequest, Tolerances, deviates
 from sim_robot.fci.pace import LONGEST_SILENCE, PERIOD_NS
-from sim_robot.fci.protocol import GENERATOR_IDLE, Command, Controller, Generator, MoveStatus, RecoveryStatus, SetStatus
+from sim_robot.fci.protocol import (
+    GENERATOR_IDLE,
+    Command,
+    Controller,
+    Generator,
+    MoveStatus,
+    RecoveryStatus,
+    SetStatus,
+    StopStatus,
+)
 from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
 from sim_robot.fci.settings import InvalidSetting, Settings
 from sim_robot.profile import BOX_DRAW, LINK_DRAW, Spread
@@ -312,9 +321,7 @@ class ArmServer:
         if command == Command.MOVE:
             self._move(command_id, values)
         elif command == Command.STOP_MOVE:
-            if self.moving:
-                self._finish(MoveStatus.PREEMPTED)
-            self._reply_later(command, command_id, 0)
+            self._reply_later(command, command_id, self._stop())
         elif command != Command.GET_ROBOT_MODEL and self.moving:
             # in lockstep no state follows until the client has answered the last one: this cannot wait for it
             self.link.reply(command, command_id, bytes((SetStatus.NOT_POSSIBLE,)))
@@ -324,6 +331,19 @@ class ArmServer:
             self._recover_at_rest(command_id)
         else:
             self._reply_later(command, command_id, self._set(command, values), self._setting)
+
+    def _stop(self) -> StopStatus:
+        """End a motion; return what the mode allows, in libfranka's words for each status (robot_impl.h)."""
+        if self.unsafe:
+            return StopStatus.SAFETY
+        moved = self.moving
+        if moved:
+            self._finish(MoveStatus.PREEMPTED)
+        if self.box.mode == RobotMode.REFLEX:
+            return StopStatus.REFLEX_ABORTED  # and it stays
+        if self.box.mode == RobotMode.USER_STOPPED:
+            return StopStatus.EMERGENCY_ABORTED
+        return StopStatus.SUCCESS if moved else StopStatus.NOT_POSSIBLE
 
     def _move(self, command_id: int, values: tuple) -> None:
         request = MoveRequest.of(values)

@@ -77,6 +77,16 @@ class MoveStatus(IntEnum):
     ABORTED = 11
 
 
+class StopStatus(IntEnum):
+    """Answer to StopMove. The vendor's has ABORTED = 5, too, which libfranka reads as NOT_POSSIBLE."""
+
+    SUCCESS = 0
+    NOT_POSSIBLE = 1
+    SAFETY = 2
+    EMERGENCY_ABORTED = 3
+    REFLEX_ABORTED = 4
+
+
 class SetStatus(IntEnum):
     """Answer to every Set request and to GetRobotModel."""
 

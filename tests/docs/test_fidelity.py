@@ -15,7 +15,7 @@ from rtstack.loop.end import End
 from rtstack.safety.reasons import Cause
 from sim_robot.faults.file import faults_in
 from sim_robot.faults.kinds import KINDS
-from sim_robot.fci.protocol import Command, ConnectStatus, MoveStatus, RecoveryStatus, SetStatus
+from sim_robot.fci.protocol import Command, ConnectStatus, MoveStatus, RecoveryStatus, SetStatus, StopStatus
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs/generate"))
@@ -23,7 +23,10 @@ sys.path.insert(0, str(ROOT / "docs/generate"))
 from fidelity import read_tables  # noqa: E402
 from watchdogs import WATCHDOGS  # noqa: E402
 
-STATUSES = {Command.CONNECT: ConnectStatus, Command.MOVE: MoveStatus, Command.AUTOMATIC_ERROR_RECOVERY: RecoveryStatus}
+STATUSES = {
+    Command.CONNECT: ConnectStatus, Command.MOVE: MoveStatus, Command.STOP_MOVE: StopStatus,
+    Command.AUTOMATIC_ERROR_RECOVERY: RecoveryStatus,
+}  # fmt: skip
 
 
 def test_every_field_error_and_request_has_its_row() -> None:

@@ -5,6 +5,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
@@ -12,7 +13,7 @@ from hal.fci import FciPair, open_pair
 from hal.state import RobotMode
 from sim_robot.cell import simulated_cell
 from sim_robot.faults.file import load_faults
-from sim_robot.fci.protocol import Command, RecoveryStatus, SetStatus
+from sim_robot.fci.protocol import Command, MoveStatus, RecoveryStatus, SetStatus, StopStatus
 from tests.support.fci.raw import RawClient
 from tests.support.fci.server import Served, serve
 
@@ -62,6 +63,91 @@ def test_a_safety_function_refuses_whatever_changes_something(tmp_path, state) -
             assert raw.answer()[2] == bytes((SetStatus.SAFETY,))
             raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
             assert raw.answer()[2] == bytes((RecoveryStatus.SAFETY,))
+
+
+def _stop(raw: RawClient) -> StopStatus:
+    raw.send(Command.STOP_MOVE)
+    command, _, body = raw.answer()
+    assert command == Command.STOP_MOVE
+    return StopStatus(body[0])
+
+
+@pytest.mark.parametrize("profile", ["ideal", "honest", "harsh"])
+def test_a_stop_is_answered_by_the_arm_s_mode(profile) -> None:
+    with serve("--lockstep", "--profile", profile) as served, RawClient(served.left) as raw:
+        raw.connect()
+        assert _stop(raw) is StopStatus.NOT_POSSIBLE  # idle
+        assert raw.move() == MoveStatus.MOTION_STARTED
+        raw.command(raw.moving_state())
+        raw.send(Command.STOP_MOVE)
+        assert [raw.answer()[::2] for _ in range(2)] == [
+            (Command.MOVE, bytes((MoveStatus.PREEMPTED,))), (Command.STOP_MOVE, bytes((StopStatus.SUCCESS,))),
+        ]  # fmt: skip
+        assert raw.move() == MoveStatus.MOTION_STARTED
+        state = raw.moving_state()
+        while state["robot_mode"] == RobotMode.MOVE:
+            raw.command(state, tau_J_d=40.0)
+            state = raw.state()
+        assert raw.answer()[2][0] == MoveStatus.REFLEX_ABORTED
+        for _ in range(2):  # which clears nothing
+            assert _stop(raw) is StopStatus.REFLEX_ABORTED
+        assert raw.state()["robot_mode"] == RobotMode.REFLEX
+
+
+@pytest.mark.parametrize(
+    ("script", "status"),
+    [
+        ('kind = "user_stop"\nat_s = 0.005', StopStatus.EMERGENCY_ABORTED),
+        ('kind = "mode"\nstate = "safety_function"', StopStatus.SAFETY),
+        ('kind = "mode"\nstate = "guiding"', StopStatus.NOT_POSSIBLE),
+        ('kind = "mode"\nstate = "brakes_locked"', StopStatus.NOT_POSSIBLE),
+    ],
+)
+def test_a_stop_of_an_arm_that_needs_a_person_names_the_cause(tmp_path, script, status) -> None:
+    (tmp_path / "faults.toml").write_text(f'[[fault]]\narm = "left"\n{script}')
+    with serve("--lockstep", "--faults", str(tmp_path / "faults.toml")) as served, RawClient(served.left) as raw:
+        if "at_s" in script:
+            state = raw.begin()
+            while state["robot_mode"] == RobotMode.MOVE:
+                raw.command(state)
+                state = raw.state()
+            assert raw.answer()[2][0] == MoveStatus.EMERGENCY_ABORTED
+        else:
+            raw.connect()
+            while raw.state()["robot_mode"] == RobotMode.IDLE:
+                continue
+        assert _stop(raw) is status
+
+
+@pytest.mark.parametrize("profile", ["ideal", "honest", "harsh"])
+def test_our_client_survives_each_refusal_of_a_stop(profile) -> None:
+    """libfranka stops an idle arm once more, when the motion's object is dropped; refused, it believes the motion to go
+    on until it sees a later state."""
+    with serve("--lockstep", "--profile", profile) as served:
+        pair = open_pair(served.left, served.right, shared_clock=True)
+        for _ in range(3):
+            pair.start()
+            _answer(pair, 0.0)
+            pair.stop()
+        assert (pair.left.reflex(), pair.right.reflex()) == ((), ())
+        pair.start()
+        with pytest.raises(CommandRejected, match="controller_torque_discontinuity"):
+            _answer(pair, 40.0)
+        pair.stop()
+        assert pair.left.reflex() == ("controller_torque_discontinuity",)
+        pair.recover()
+        pair.start()
+        _answer(pair, 0.0)
+        pair.close()
+
+
+def _answer(pair: FciPair, torque: float) -> None:
+    """Answer some states of both arms; torque: of the left one, Nm, after its first answer."""
+    for k in range(5):
+        for arm in (pair.left, pair.right):
+            arm.read()
+        for arm in (pair.left, pair.right):
+            arm.write(np.full(7, torque * (k > 0 and arm is pair.left)))
 
 
 def test_without_fci_there_is_no_connection(tmp_path) -> None:

@@ -52,7 +52,8 @@ def assert_stopped_and_recover(robot: franka.Robot, expected: set[str]) -> None:
     assert names(state.current_errors) == names(state.last_motion_errors) == expected
     with pytest.raises(franka.CommandException, match="Reflex"):
         robot.start_torque_control()
-    robot.stop()
+    with pytest.raises(franka.CommandException, match="aborted by reflex"):
+        robot.stop()
     assert robot.read_once().robot_mode == franka.RobotMode.Reflex
     robot.automatic_error_recovery()
     state = robot.read_once()
