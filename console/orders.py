@@ -27,7 +27,7 @@ _NoEntries = SkipJsonSchema[Annotated[tuple[()], Field(exclude=True)]]
 class TrialOrder(specification.TrialSpecification):
     """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y and x,
     mm, and about z; `reaction`: to an impact that was not meant; `law_inertia`: the mass matrix of the controller's
-    law, null: the cell's.
+    law, null: the cell's; `shadow`: torques are computed, judged and logged, and none is sent.
     """
 
     reference: LogId

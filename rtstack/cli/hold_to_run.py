@@ -20,18 +20,24 @@ from hal.base.realtime import beside_realtime
 from rtstack.cells import kind_of
 from rtstack.cli.interrupt import Interrupt
 from rtstack.loop.end import End
-from rtstack.loop.watchdogs import CLUTCH_S, Heartbeat, Watchdog
+from rtstack.loop.watchdogs import CLUTCH_S, Heartbeat, Watchdog, since_boot_s
 from rtstack.model.cell_description import CellDescription
+from rtstack.safety.arming import LEASE_S
 from rtstack.trials.errors import TrialError
 
 _LOOK_S = 0.05
 
 
 class HoldToRun:
-    """What stands between a command and the arms of a cell: nothing where they are simulated (`needed` is False)."""
+    """What stands between a command and the arms of a cell: nothing where they are simulated (`needed` is False).
 
-    def __init__(self, cell_kind: str, description: CellDescription, cell_file: Path, led: bool = False) -> None:
-        """led: a person leads the arms, whose geometry need not have been measured.
+    real: whether the arms are not simulated.
+    """
+
+    def __init__(
+        self, cell_kind: str, description: CellDescription, cell_file: Path, led: bool = False, moves: bool = True
+    ) -> None:
+        """led: a person leads the arms, whose geometry need not have been measured. moves: an arm is to move.
 
         Raises TrialError for what the kind of cell refuses, and where the arms may be real and no person can be at
         the terminal.
@@ -40,7 +46,8 @@ class HoldToRun:
         kind.check(argument, description, cell_file)
         if not led:
             kind.measured(argument, description, cell_file)
-        self.needed = not kind.simulated(argument, description)
+        self.real = not kind.simulated(argument, description)
+        self.needed = self.real and moves
         self._cell = f"{description.name} ({cell_kind})"
         self._name = description.name
         self._held_ns = 0
@@ -80,8 +87,8 @@ class HoldToRun:
     def watched(self, what: str, stop: Interrupt, pause: Callable[[], None]) -> Iterator[None]:
         """Ask once; then the arms move by themselves while a person watches: any key stops them, p pauses.
 
-        stop: raised at a key, and when the terminal is gone. pause: called at p. Raises TrialError where the person
-        does not confirm.
+        stop: raised at a key, when the terminal is gone, and after a suspension. pause: called at p. Raises TrialError
+        where the person does not confirm.
         """
         if not self.needed:
             yield
@@ -102,8 +109,12 @@ class HoldToRun:
 
     def _watch_keys(self, descriptor: int, stop: Interrupt, pause: Callable[[], None], done: threading.Event) -> None:
         beside_realtime()
+        looked_s = since_boot_s()
         while not done.is_set():
-            keys = _keys(descriptor)
+            keys, before_s, looked_s = _keys(descriptor), looked_s, since_boot_s()
+            # nobody need be there any more where the machine was suspended, or this process stopped (Ctrl-Z)
+            if looked_s - before_s > LEASE_S:
+                keys = b""
             if keys == b"p":
                 pause()
             elif keys is not None:

@@ -52,6 +52,7 @@ class Terminal(CellHost):
     softly: bool = False
     record: Mapping[str, str] | None = None
     sets_object: bool = False  # see CellHost
+    shadow: bool = False  # no arm is moved
     _hold: HoldToRun | None = None
     _cell: Cell | None = None
     _kept: ExitStack = field(default_factory=ExitStack)  # of what is open with it
@@ -77,7 +78,7 @@ class Terminal(CellHost):
     def check(self) -> HoldToRun:
         """Check that a person can hold the arms to run. Raises TrialError."""
         if self._hold is None:
-            self._hold = HoldToRun(self.kind, self.description, self.cell_file, self.led)
+            self._hold = HoldToRun(self.kind, self.description, self.cell_file, self.led, not self.shadow)
         return self._hold
 
     @contextmanager
@@ -129,6 +130,10 @@ class Terminal(CellHost):
         if text not in self._warned:
             self._warned.add(text)
             print(f"rtstack: warning: {text}", file=sys.stderr)
+
+    def announce(self, text: str) -> None:
+        """Print a line, with the terminal's bell."""
+        print(f"\artstack: {text}", file=sys.stderr, flush=True)
 
     def carry_out(self, run: PreparedRun[R], log: Path, record: Mapping[str, str] = {}) -> R:
         self.log_path, self.record = log, record or None
@@ -212,7 +217,7 @@ class Terminal(CellHost):
 
     def log(self, run: PreparedRun, cell: Cell) -> TrialLog | None:
         path = self.log_path
-        if path is None and not self.has_person:
+        if path is None and not self.check().real:
             return None
         if path is None:  # no motion of real arms without a record
             path = free_name(Path("logs"), run.specification.log_stem)
@@ -227,8 +232,8 @@ def _recover(cell: Cell) -> None:
         arm.recover()
 
 
-def report(result: Result, json: bool, line: str) -> None:
-    """Print a result. Raises Exit where the run has failed."""
+def report(result: Result, json: bool, line: str, ran: bool = False) -> None:
+    """Print a result. Raises Exit where the run has failed. ran: it did what was asked, whatever came out."""
     typer.echo(result.as_json() if json else line)
-    if not result.success:
+    if not (result.success or ran):
         raise typer.Exit(FAILED)

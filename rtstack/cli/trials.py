@@ -184,7 +184,10 @@ def trial(
     given: dict[str, Any] = {"object": object or object_of(reference)} | (asked or {})
     specification = TrialSpecification(**given)
     what, bar = f"trial of {specification.object}", f"trial, {specification.controller}" * (not json)
-    host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log, faults=faults)
+    host = Terminal.of(
+        cell, profile, cell_file, what, bar=bar, log_path=log, faults=faults, led=specification.shadow,
+        shadow=specification.shadow,
+    )  # fmt: skip
     if friction is not None:
         host.description = replace(host.description, joint_friction=friction)
     if safety is not None:
@@ -194,11 +197,12 @@ def trial(
     if prepared.unwatched is not None:
         print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
     result = host.run(prepared)
-    report(result, json, _trial_line(result))
+    report(result, json, _trial_line(result), ran=specification.shadow)
 
 
 def _trial_line(result: "TrialResult") -> str:
     outcome = "success" if result.success else f"failed: {result.failure_reason}"
+    outcome = outcome.replace("failed: shadow", "shadow")
     detected = result.detected_impact_time_s
     impact = "none" if detected is None else f"{detected:.3f} s"
     verdict = result.impact_verdict or "not watched"

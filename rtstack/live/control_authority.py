@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from rtstack.live.audit import AuditTrail
 from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.watchdogs import since_boot_s
 from rtstack.safety.arming import LEASE_S, ArmingStateMachine, Phase, Refused
 from rtstack.samples import Level
 from rtstack.trials.run_context import RunEvent
@@ -39,10 +40,10 @@ class AuthorityView:
 class ControlAuthority:
     """Owns the arming state machine. All methods may be called from any thread; they raise Refused with one line.
 
-    clock: the host's monotonic time, s, as the mailbox has it.
+    clock: time since the host's start, s. It counts suspended time too, so that a lease ends in it.
     """
 
-    def __init__(self, mailbox: Mailbox, audit: AuditTrail, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, mailbox: Mailbox, audit: AuditTrail, clock: Callable[[], float] = since_boot_s) -> None:
         self._lock = threading.Lock()
         self._arming = ArmingStateMachine()
         self._mailbox = mailbox
@@ -50,8 +51,8 @@ class ControlAuthority:
         self._clock = clock
         self._run_events: deque[RunEvent] = deque(maxlen=_RUN_EVENTS)
         self._since_s = time.time()
-        self._stopped_s = -_STOP_LASTS_S  # monotonic: of the last STOP that was reported
-        self._stop_due_s: float | None = None  # monotonic: when a motion has to have begun to stop
+        self._stopped_s = -_STOP_LASTS_S  # by the clock: of the last STOP that was reported
+        self._stop_due_s: float | None = None  # by the clock: when a motion has to have begun to stop
 
     # the lease
 
@@ -210,7 +211,7 @@ class ControlAuthority:
                     self._since_s = time.time()
 
     def _alive(self) -> None:
-        self._mailbox.operator_beat(round(1e9 * self._clock()))
+        self._mailbox.operator_beat(time.monotonic_ns())
 
     def _stop_at_once(self) -> None:
         if self._arming.stop_wanted:

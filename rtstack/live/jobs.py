@@ -107,13 +107,17 @@ class Jobs:
     def warn(self, text: str) -> None:
         self._idle.tell(Level.WARNING, text)
 
+    def announce(self, text: str) -> None:
+        """See Host: the page makes the sound of events of this name."""
+        self._idle.tell(Level.WARNING, text, "countdown")
+
     @contextmanager
     def accompany(self, run: PreparedRun, cell: Cell) -> Iterator[RunContext]:
         """See Host. Raises TrialError where a clutch is not held."""
         manager, mailbox, watchdogs = self._job_manager, self._mailbox, self._watchdogs
         by_hand, led = run.specification.by_hand, JobKind(run.specification.verb) is JobKind.TELEOPERATION
         # a campaign has a person who watches, and a teleoperation its own clutch
-        if by_hand or not (run.description.simulated or led or self._watched):
+        if by_hand or not (run.description.simulated or led or self._watched or run.shadow):
             manager.started(None)
             watchdogs = (*watchdogs, self._held_clutch(_FIRST_HOLD_S if by_hand else _HOLD_S))
         yield RunContext(

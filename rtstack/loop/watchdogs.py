@@ -32,6 +32,11 @@ _MARK_TICKS, _MARKS = 100, 10
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
 
+def since_boot_s() -> float:
+    """Return the time since the host's start, s, suspended time included, which time.monotonic leaves out."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 @dataclass(frozen=True, slots=True)
 class WatchdogTrip:
     """Why a session ends. value and bound: what was found and what was allowed, where it is a number.

@@ -4,7 +4,8 @@ A kind of run is a subclass of PreparedRun in a module of its own, and says ther
 at a terminal, the robot process or a campaign's worker, is a Host.
 """
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +22,11 @@ from rtstack.trials.estimate import check_estimate
 from rtstack.trials.record import RunLog, TrialLog, open_log
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
+from rtstack.trials.shadow import shadow_of
 from rtstack.trials.start_motion import StartMotion, start_motion
 
 R = TypeVar("R", bound=Result)
+_LOOK_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +53,14 @@ class PreparedRun(Generic[R]):
         return None
 
     @property
+    def shadow(self) -> bool:
+        """Whether no torque is sent: the arms stay where their robots or a person hold them."""
+        return getattr(self.specification, "shadow", False)
+
+    @property
     def refusal(self) -> str:
         """Why the cell refuses this kind of run, "" where it does not."""
-        return self.description.refused.get(self.specification.verb, "")
+        return "" if self.shadow else self.description.refused.get(self.specification.verb, "")
 
     def look(self, cell: Cell) -> str:
         """Return in one line what is to be known of the open cell before it runs, "" for nothing: what the arms feel at
@@ -96,12 +104,29 @@ class Host(Protocol):
     def warn(self, text: str) -> None:
         """Show a person one line about the cell."""
 
+    def announce(self, text: str) -> None:
+        """Show a person one line about the motion that is about to begin, with a sound."""
+
     def accompany(self, run: PreparedRun, cell: Cell) -> AbstractContextManager[RunContext]:
         """Give what accompanies the run, without its log: a person has allowed the motion. Raises TrialError."""
         ...
 
     def log(self, run: PreparedRun, cell: Cell) -> RunLog | None:
         """Start the log; None where none is written. Raises LogError, TrialError."""
+
+
+def _count_down(run: PreparedRun, context: RunContext, announce: Callable[[str], None]) -> None:
+    """Count the seconds before a motion of real arms. Raises TrialError where a watchdog or a stop ends it."""
+    if run.description.simulated or run.led or run.shadow:
+        return
+    for left in range(run.description.countdown_s, 0, -1):
+        announce(f"the arms move in {left} s")
+        end_s = time.monotonic() + 1.0
+        while time.monotonic() < end_s:
+            stopped = context.stop is not None and context.stop.stop_requested
+            if stopped or any(watchdog.trip() is not None for watchdog in context.watchdogs):
+                raise TrialError("interrupted while it was counted down: nothing has moved")
+            time.sleep(_LOOK_S)
 
 
 def carry_out(run: PreparedRun[R], host: Host) -> R:
@@ -111,8 +136,11 @@ def carry_out(run: PreparedRun[R], host: Host) -> R:
     if not run.description.simulated:  # compiled, or loaded, before a robot is connected to and a person is asked
         cell_controller(run.description, cell_parameters(run.description), following(Strategy.PROPOSED), 0.0)
     with host.cell(run) as cell:
+        if run.shadow:
+            cell = shadow_of(cell)
         if said := run.look(cell):
             host.warn(said)
-        way = run.start_motion(cell)
+        way = None if run.shadow else run.start_motion(cell)
         with host.accompany(run, cell) as context:
+            _count_down(run, context, host.announce)
             return run.run(cell, replace(context, log=host.log(run, cell)), way)

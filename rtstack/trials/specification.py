@@ -66,7 +66,7 @@ class _Asked:
     @property
     def title(self) -> str:
         """The run in one line, for people."""
-        return self.words.format(self)
+        return self.words.format(self) + ", shadow" * getattr(self, "shadow", False)
 
     @property
     def log_stem(self) -> str:
@@ -100,7 +100,7 @@ class TrialSpecification(_Asked):
     displacement_mm, displacement_x_mm, yaw_deg: shift of the object along the world's y and x, and its turn about z, in
     the plant only: the controller does not receive them. safety: limits of the judge that this trial tightens further
     (rtstack.trials.tightening). reaction: to an unexpected impact. law_inertia: mass matrix of the controller's law;
-    None: the cell's.
+    None: the cell's. shadow: torques are computed, judged and logged on the states of the arms, and none is sent.
     """
 
     kind: ClassVar[str] = "trial"
@@ -117,6 +117,7 @@ class TrialSpecification(_Asked):
     displacement_x_mm: DisplacementMm = 0.0
     yaw_deg: YawDeg = 0.0
     law_inertia: LawInertia | None = None
+    shadow: StrictBool = False
 
     @property
     def displacement(self) -> Displacement:

@@ -126,14 +126,15 @@ def prepare_trial(
         file = None if reference.planned else tuning_file(name)
         tuned_by = file if file is not None and file.parent == tuning_folder() else None
     prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor, tuned_by)
-    if prepared.unwatched is not None and not description.simulated and description.unexpected_impact is None:
+    unwatched = prepared.unwatched is not None
+    if unwatched and not (prepared.shadow or description.simulated) and description.unexpected_impact is None:
         raise TrialError(
             f'nothing watches the impact on these arms: {prepared.unwatched}; or write unexpected_impact = "continue" '
             "into the cell's file"
         )
-    if specification.reaction is Reaction.CONTINUE and prepared.unwatched is None:
+    if specification.reaction is Reaction.CONTINUE and not unwatched:
         return replace(prepared, specification=replace(specification, reaction=description.reaction))
-    if prepared.unwatched is not None and specification.reaction is not Reaction.CONTINUE:
+    if unwatched and specification.reaction is not Reaction.CONTINUE:
         raise TrialError(f"nothing would start the reaction {specification.reaction}: {prepared.unwatched}")
     return prepared
 
@@ -179,8 +180,11 @@ def run_trial(
             run.run_event(RunEvent(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
         elif prepared.tuned_by is not None:
             run.run_event(RunEvent(Level.INFO, "verdict", f"watched as {prepared.tuned_by} says"))
+        if prepared.shadow:
+            run.run_event(RunEvent(Level.WARNING, "shadow", "torques are computed and judged, and none is sent"))
         factory = controller_factory(specification.controller)
         settle = partial(settle_load, prepared.description, specification.object, context)
+        settle = None if prepared.shadow else settle
         outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared), settle)
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
@@ -195,6 +199,8 @@ def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values:
     reason = failure_reason(
         outcome.end, outcome.detail, outcome.safety_interventions, values, prepared.reference.motion
     )
+    if prepared.shadow:
+        reason = "shadow: no torque was sent" + (f"; the loop ended by: {reason}" if reason else "")
     monitor = run.monitor
     decided = monitor is not None and monitor.verdict is not Verdict.NONE
     return like(

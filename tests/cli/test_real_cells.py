@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +17,8 @@ from hal.base.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
 from rtstack.cells.simulator import Simulator
+from rtstack.cli.hold_to_run import HoldToRun
+from rtstack.cli.interrupt import Interrupt
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from rtstack.trials.errors import TrialError
@@ -129,7 +132,7 @@ def real(tmp_path: Path) -> Iterator[tuple[Path, str]]:
     simulator = Simulator("rice_box", 0.0, 3, lockstep=True)
     host, port = simulator.tracker.address
     path = cell_file(
-        tmp_path, (LEFT, simulator.left), (RIGHT, simulator.right), ("127.0.0.1:1341", f"{host}:{port}"),
+        tmp_path, (LEFT, str(simulator.left)), (RIGHT, str(simulator.right)), ("127.0.0.1:1341", f"{host}:{port}"),
     )  # fmt: skip
     simulator.tracker.close()  # the command listens there
     yield path, f"fci:{simulator.left},{simulator.right}"
@@ -200,6 +203,18 @@ def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(re
     ))  # fmt: skip
     assert process.wait() == 2, terminal.said
     assert "was aborted, and is run again: stop requested by the operator" in terminal.said
+
+
+def test_a_watched_campaign_stops_after_a_suspension(monkeypatch):
+    """Nobody need be there any more when the machine, or the process, goes on."""
+    stop, done, times = Interrupt(), threading.Event(), iter((0.0, 0.1, 0.2, 3600.0))
+    monkeypatch.setattr("rtstack.cli.hold_to_run.since_boot_s", lambda: next(times))
+    theirs, ours = os.pipe()
+    HoldToRun._watch_keys(object.__new__(HoldToRun), theirs, stop, done.set, done)
+    assert stop.stop_requested
+    assert not done.is_set()  # it was no pause
+    for descriptor in (theirs, ours):
+        os.close(descriptor)
 
 
 @pytest.mark.alone

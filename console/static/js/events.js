@@ -16,6 +16,15 @@ function fill(element, event) {
   element.replaceChildren(time, level, `${event.name}: ${event.text}`);
 }
 
+let sound = null;
+function beep() {
+  sound ??= new AudioContext();
+  const tone = new OscillatorNode(sound, { frequency: 880 });
+  tone.connect(sound.destination);
+  tone.start();
+  tone.stop(sound.currentTime + 0.15);
+}
+
 export function startEvents(live) {
   const strip = document.getElementById("event");
   const list = document.getElementById("events");
@@ -38,6 +47,7 @@ export function startEvents(live) {
     if (view.event === null || view.event.number === shown) return;
     shown = view.event.number;
     fill(strip, view.event);
+    if (view.event.name === "countdown") beep();
     if (!list.hidden) refresh();
   });
   const open = (wanted) => {

@@ -20,8 +20,9 @@ export function showRefusal(form, what) {
 // Returns the values of the ticked boxes of a name.
 export const ticked = (form, name) => [...form.querySelectorAll(`[name="${name}"]:checked`)].map((box) => box.value);
 
-// Returns a field's value: a number for a number, null for the empty choice of an optional list.
-export function valueOf({ type, tagName, required, value, valueAsNumber }) {
+// Returns a field's value: a number for a number, whether a box is ticked, null for the empty choice of an optional list.
+export function valueOf({ type, tagName, required, value, valueAsNumber, checked }) {
+  if (type === "checkbox") return checked;
   if (type === "number") return valueAsNumber;
   return tagName === "SELECT" && !required && value === "" ? null : value;
 }
