@@ -19,7 +19,7 @@ from console.guard import CSRF_HEADER, MAX_BODY_BYTES
 from console.parts import NeedsParts
 from console.routes.cameras import WINDOW
 from console.routes.problems import problems
-from console.templates import show
+from console.templates import TEMPLATES, show
 
 router = APIRouter(include_in_schema=False)
 
@@ -27,26 +27,6 @@ OPENAPI_PATH = "/api/openapi.json"
 _SWAGGER = distribution("fastapi-offline")  # not imported: we want two of its files
 _ASSETS = f"/assets/swagger-ui-{_SWAGGER.version}"
 _TYPES = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css"}
-_TEXT = f"""\
-The operator's console as programs see it. The page uses nothing else.
-
-Bring a token as `Authorization: Bearer TOKEN`; `rtstack token create` or the page Access makes one. A browser has a
-session cookie instead, and repeats the session's word in `{CSRF_HEADER}` with every change. A client that moves the
-arms takes control (`/api/take`), arms (`/api/arm`), and gives a sign of life at least every second (`/api/beat`, or the
-message `beat` on `/live`). Everything that is refused is answered with one line, `error`. A body has at most
-{MAX_BODY_BYTES >> 10} KiB.
-
-Streams, which OpenAPI has no words for (WebSockets, with the same token or cookie):
-
-- `/live`: the state of arms, loop, job and hand, 20 times a second, as JSON.
-- `/api/teleoperation/hand`: the messages of `POST /api/teleoperation/hand`, each answered; closing releases the clutch.
-- `/api/cameras/NAME`: a camera's newest picture while a job runs: when it is of, us of the console's clock (`camera_us`
-  of a stamp), and how old it was when it was sent, ms, both float64 little-endian, then a JPEG. Any word says that it
-  was shown: no more than {WINDOW} are on their way.
-- `/api/logs/ID/scrub?view=NAME`: a cursor `{{"t": s, "signals": "a,b"}}`, answered with the values there.
-- `/foxglove/WORD`: the live topics for Foxglove; `GET /api/foxglove` has the address.
-"""
-
 _TAGS = {
     "access": "Sessions, invitations, tokens, and the trail of who did what.",
     "robot": "What the robot says.",
@@ -73,7 +53,9 @@ def describe(app: FastAPI) -> None:
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            document = get_openapi(title=app.title, version=app.version, description=_TEXT, routes=app.routes)
+            page = TEMPLATES.get_template("interface.md")
+            text = page.render(csrf_header=CSRF_HEADER, kib=MAX_BODY_BYTES >> 10, window=WINDOW)
+            document = get_openapi(title=app.title, version=app.version, description=text, routes=app.routes)
             app.openapi_schema = _completed(document)
         return app.openapi_schema
 

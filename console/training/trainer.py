@@ -5,9 +5,11 @@ import threading
 import time
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 
 from console.live.remedies import remedy_of
 from console.live.watch import EventView, Watch
+from hal.base.configuration import load_toml
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Status
 
@@ -22,8 +24,8 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Exercise:
-    """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is
-    about that says more, empty for none.
+    """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is about that says
+    more, empty for none.
     """
 
     name: str
@@ -31,45 +33,19 @@ class Exercise:
     script: str
     action: Action
     todo: str
-    row: str
+    row: str = ""
 
     def faults(self, at_s: float) -> str:
         """Return the text of a faults file in which it comes at_s after the first motion."""
-        return f"[[fault]]\nat_s = {at_s:.3f}\n{self.script}\n"
+        return f"[[fault]]\nat_s = {at_s:.3f}\n{self.script}"
 
 
-_STOPPED = "stop requested by the operator"
-EXERCISES = (
-    Exercise(
-        "joint_reflex", "an arm stops by a reflex", 'kind = "reflex"\narm = "right"\nerror = "joint_reflex"',
-        Action.RECOVER, "Look for what was hit, free the arm, then Recover and Arm.", "joint_reflex",
-    ),
-    Exercise(
-        "user_stop", "the external activation device is pressed", 'kind = "user_stop"\narm = "left"\nduration_s = 3.0',
-        Action.RECOVER, "Ask who pressed it and why; once it is released: Recover and Arm.",
-        "the robot left torque control",
-    ),
-    Exercise(
-        "state_nan", "an arm reports values that are no numbers",
-        'kind = "state_nan"\narm = "left"\nfield = "dq"\nduration_s = 0.2',
-        Action.RECOVER, "The judge has stopped both arms: Recover, and report it with the log.",
-        "a value of the state or the desired torque is not finite",
-    ),
-    Exercise(
-        "object_lost", "the object falls out of the cell", 'kind = "object_lost"',
-        Action.STOP, "Press STOP: the arms go on around nothing. Put the object back.", _STOPPED,
-    ),
-    Exercise(
-        "slip", "the object slips out of a pad", 'kind = "slip"\narm = "both"\nfriction_factor = 0.02',
-        Action.STOP, "Press STOP before it falls further; then clean the pads, or press harder.", _STOPPED,
-    ),
-    Exercise(
-        "tracker_lost", "the cameras lose the object for a second", 'kind = "tracker_lost"\nduration_s = 1.0',
-        Action.GO_ON, "Nothing: the arms do not follow the cameras. Do not stop a good trial.", "",
-    ),
-)  # fmt: skip
+@dataclass(frozen=True, slots=True)
+class _Exercises:
+    exercise: tuple[Exercise, ...]
 
 
+EXERCISES = load_toml(Path(__file__).parents[1] / "pages" / "exercises.toml", _Exercises).exercise
 SURPRISE = "surprise"
 EARLIEST_S, LATEST_S = 1.2, 3.6  # of the scripted demonstration, which lasts 5 s: on the way, at the impact, in the air
 PATIENCE_S = 30.0  # after the fault: what is done later counts for nothing
@@ -119,8 +95,7 @@ class Trainer:
         if name != SURPRISE and name not in known:
             raise RobotRefused(f"no exercise {name!r}; there are {', '.join(known)} and {SURPRISE}")
         exercise = self._chance.choice(EXERCISES) if name == SURPRISE else known[name]
-        at_s = self._chance.uniform(EARLIEST_S, LATEST_S)
-        return exercise, at_s
+        return exercise, self._chance.uniform(EARLIEST_S, LATEST_S)
 
     def follow(self, exercise: Exercise, at_s: float, status: Status, surprise: bool) -> None:
         """Watch an exercise whose job was just ordered."""
