@@ -29,11 +29,11 @@ class ArmView:
     that is asked of it by hand, and the one that it has, from the way of the last 20 ms.
     """
 
-    robot_mode: str
-    errors: tuple[str, ...]
-    mode: str
-    age_s: float
-    success_rate: float
+    robot_mode: str = "UNKNOWN"
+    errors: tuple[str, ...] = ()
+    mode: str = "UNKNOWN"
+    age_s: float = NEVER_S
+    success_rate: float = 0.0
     force_n: float | None = None
     speed_m_s: float | None = None
     peak_force_n: float | None = None
@@ -62,7 +62,7 @@ class ArmWatch:
         """Return what the arm last said; now_s: monotonic time, s, from which its age is counted."""
         record, control = self._arm.latest(), self._control.latest()
         if record is None:
-            return ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
+            return ArmView()
         t_ns = int(record["t_ns"][0])
         if t_ns != self.t_ns or self.changed_s < 0.0:
             self.t_ns, self.changed_s = t_ns, now_s

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -65,12 +65,12 @@ class LiveView:
 
     left: ArmView | None
     right: ArmView | None
-    state: CellState
-    loop: LoopView
-    status: Status | None
-    status_age_s: float
-    unreachable: str | None
-    event: EventView | None
+    state: CellState = UNKNOWN
+    loop: LoopView = field(default_factory=LoopView)
+    status: Status | None = None
+    status_age_s: float = NEVER_S
+    unreachable: str | None = None
+    event: EventView | None = None
     desk: tuple[DeskView, ...] = ()
     places: Places | None = None
     number: int = 0
@@ -110,11 +110,8 @@ class Watch:
         self._number = 0
         self._pictures = [(0, 0)] * _PICTURES  # number, and when it was made, monotonic ns
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
-        unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
-        self.view = LiveView(
-            *(unknown if side in self._arms else None for side in SIDES), state=UNKNOWN, loop=LoopView(), status=None,
-            status_age_s=NEVER_S, unreachable=None, event=None,
-        )  # fmt: skip
+        left, right = (ArmView() if side in self._arms else None for side in SIDES)
+        self.view = LiveView(left, right)
         self.document = msgspec.json.encode(self.view)
         self._threads = [
             threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
@@ -212,13 +209,9 @@ class Watch:
             self.document = msgspec.json.encode(self.view)
 
     def _places(self) -> Places | None:
-        pads, told, lies = self.measured(), self.command(), self.object_pose()
-        if pads is None:
-            return None
-        return Places(
-            pads.round(4).tolist(), None if told is None else told.round(4).tolist(),
-            None if lies is None else lies.round(4).tolist(),
-        )  # fmt: skip
+        known = (self.measured(), self.command(), self.object_pose())
+        pads, told, lies = (None if poses is None else poses.round(4).tolist() for poses in known)
+        return None if pads is None else Places(pads, told, lies)
 
     def _forget_hits(self, status: Status | None) -> None:
         job = None if status is None else status.job

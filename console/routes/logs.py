@@ -8,18 +8,9 @@ from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
 from console.parts import NeedsParts, Parts, written_now
+from console.review import logs as reviewed
 from console.review.columns import Index, Mark
 from console.review.figure import MEDIA_TYPES, drawn_logs, figure_file, overlays_of
-from console.review.logs import (
-    ReadLog,
-    begun,
-    entry_of,
-    listed,
-    opened_entry,
-    picture_at,
-    picture_times,
-    wanted_signals,
-)
 from console.review.series import Tabled, Window, csv_lines, curves, difference_curves, moment, packed
 from console.routes.problems import file_of, problems
 from rtstack.figures.log_data import with_references
@@ -44,8 +35,8 @@ LevelName = Literal["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]
 Width = Annotated[int, Query(ge=16, le=8192)]
 
 
-def _log(parts: Parts, log_id: str) -> ReadLog:
-    return begun(parts.catalogue, parts.review_cache, log_id)
+def _log(parts: Parts, log_id: str) -> reviewed.ReadLog:
+    return reviewed.begun(parts.catalogue, parts.review_cache, log_id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +123,8 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
 
     The first request has the log read, in a process of its own.
     """
-    entry = entry_of(parts.catalogue, log_id)
-    read = opened_entry(entry, parts.review_cache)
+    entry = reviewed.entry_of(parts.catalogue, log_id)
+    read = reviewed.opened_entry(entry, parts.review_cache)
     index = Index(0, 0.0, {}) if read is None else read.index
     return like(
         LogReview,
@@ -167,7 +158,7 @@ def series(
     then for each group its times (float64) and for each of its signals the values (float32), twice, smallest and
     largest, where a bucket has more than one sample. Header and arrays start at multiples of eight bytes.
     """
-    wanted = wanted_signals(signals)
+    wanted = reviewed.wanted_signals(signals)
     read = _log(parts, log_id)
     if not start < end:
         raise HTTPException(422, "start: has to be before `end`")
@@ -182,27 +173,18 @@ def series(
 @router.get("/{log_id}/values", responses=_OF_A_LOG)
 def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> ValuesAt:
     """Return the newest samples at a moment: values of signals, joints of the arms, the object's pose."""
-    found = moment(_log(parts, log_id), wanted_signals(signals), t)
-    return like(
-        ValuesAt,
-        found,
-        q=None if found.q is None else found.q.tolist(),
-        object=None if found.object is None else found.object.tolist(),
-    )
+    found = moment(_log(parts, log_id), reviewed.wanted_signals(signals), t)
+    q, place = (None if numbers is None else numbers.tolist() for numbers in (found.q, found.object))
+    return ValuesAt(found.t_s, found.values, q, place)
 
 
 @router.get("/{log_id}/csv", response_class=StreamingResponse, responses=_OF_A_LOG | file_of("text/csv"))
 def csv(
-    log_id: str,
-    parts: NeedsParts,
-    signals: Names,
-    start: Seconds,
-    end: Seconds,
-    other: Other = "",
+    log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, other: Other = "",
     offset: Seconds = 0.0,
-) -> StreamingResponse:
+) -> StreamingResponse:  # fmt: skip
     """Send every sample of the signals in a window as a table. other: a compared log, whose time is moved by offset."""
-    wanted = wanted_signals(signals)
+    wanted = reviewed.wanted_signals(signals)
     read = _log(parts, log_id)
     tabled = [Tabled(read)]
     if other:
@@ -230,7 +212,7 @@ def figure(
 
     reference: with what the signals are to follow. offset: what is added to another log's time, s.
     """
-    wanted = wanted_signals(signals)
+    wanted = reviewed.wanted_signals(signals)
     if not wanted:
         raise HTTPException(422, "signals: name one at least")
     if not start < end:
@@ -251,14 +233,14 @@ def figure(
 @router.get("/{log_id}/difference", responses=_OF_A_LOG)
 def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
     """Return what was set differently for two logs: metadata, cell, parameters."""
-    both = [read_log(entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)]
+    both = [read_log(reviewed.entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)]
     return [Difference(key, *values) for key, values in differences(both)]
 
 
 @router.get("/{log_id}/lateness", responses=_OF_A_LOG)
 def late_cycles(log_id: str, parts: NeedsParts) -> LatenessOf:
     """Return who was late in a log, and the longest stalls; null where its arms had no clocks of their own."""
-    found = lateness_of(read_log(entry_of(parts.catalogue, log_id).path, truncated=True))
+    found = lateness_of(read_log(reviewed.entry_of(parts.catalogue, log_id).path, truncated=True))
     return LatenessOf(None if found is None else found.as_dict())
 
 
@@ -266,14 +248,14 @@ def late_cycles(log_id: str, parts: NeedsParts) -> LatenessOf:
 def cameras(log_id: str, parts: NeedsParts) -> PicturesOf:
     """Return when each camera of a log has a picture."""
     read = _log(parts, log_id)
-    return PicturesOf(picture_times(read.entry, read.index.start_ns))
+    return PicturesOf(reviewed.picture_times(read.entry, read.index.start_ns))
 
 
 @router.get("/{log_id}/cameras/{camera}", response_class=Response, responses=_OF_A_LOG | file_of("image/jpeg"))
 def picture(log_id: str, camera: str, t: Seconds, parts: NeedsParts) -> Response:
     """Send the newest picture of a camera at a moment, s after the log's first sample."""
     read = _log(parts, log_id)
-    data = picture_at(read.entry, camera, read.index.start_ns + round(t * 1e9))
+    data = reviewed.picture_at(read.entry, camera, read.index.start_ns + round(t * 1e9))
     if data is None:
         raise HTTPException(404, "the log has no such camera; /api/logs/ID/cameras names them")
     return Response(data, media_type="image/jpeg", headers={"cache-control": "private, max-age=3600"})
@@ -284,5 +266,5 @@ def picture(log_id: str, camera: str, t: Seconds, parts: NeedsParts) -> Response
 )
 def download(log_id: str, parts: NeedsParts) -> FileResponse:
     """Send the file of a log."""
-    path = listed(parts.catalogue, log_id).path
+    path = reviewed.listed(parts.catalogue, log_id).path
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)

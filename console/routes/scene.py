@@ -22,9 +22,9 @@ from websockets.typing import Subprotocol
 
 from console.orders import TrialOrder
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
+from console.scene.experiment import TrialPlan
 from console.scene.scenes import Detail
 from console.scene.server import SECRET_HEADER, VIEW_HEADER, SceneServer
-from console.scene.trial_plan import TrialPlan
 from hal.displacement import Displacement
 from rtstack.access.tokens import Scope
 from rtstack.log.errors import LogError
@@ -148,10 +148,8 @@ async def pass_on_stream(server: SceneServer, websocket: WebSocket, view: str = 
             proxy=None,
         ) as scene:
             await websocket.accept(subprotocol=scene.subprotocol)
-            tasks = [
-                asyncio.create_task(_to_scene(websocket, scene, parts_of(websocket))),
-                asyncio.create_task(_to_page(scene, websocket)),
-            ]
+            ways = _to_scene(websocket, scene, parts_of(websocket)), _to_page(scene, websocket)
+            tasks = [asyncio.create_task(way) for way in ways]
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
                 task.cancel()

@@ -7,12 +7,11 @@ from typing import Any
 
 from console.live.watch import Watch
 from console.questions.questions import Questions
-from console.scene.experiment import ExperimentFigures
+from console.scene.experiment import ExperimentFigures, TrialPlans
 from console.scene.ghost import GhostPlayer
 from console.scene.gizmos import Gizmos
 from console.scene.scene import CellFigures, Ghost, add_stage
 from console.scene.server import SceneServer
-from console.scene.trial_plan import TrialPlans
 from console.teleoperation.teleop_input import TeleopInput
 from rtstack.model.cell_description import CellDescription
 
@@ -53,8 +52,8 @@ class _LiveScene:
 
     def _follow(self) -> None:
         while not self._ending.wait(self._frame_s):
-            if not self.server.watched:
-                continue
+            if not self.server.viser.get_clients():
+                continue  # no page shows it
             q = self._watch.q()
             status = self._watch.view.status
             with self.server.viser.atomic():

@@ -104,11 +104,6 @@ class SceneServer:
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             self.viser._websock_server.unregister_handler(message)
 
-    @property
-    def watched(self) -> bool:
-        """Whether a page shows this scene now."""
-        return bool(self.viser.get_clients())
-
     def close(self) -> None:
         """Stop serving."""
         with contextlib.redirect_stdout(io.StringIO()):
