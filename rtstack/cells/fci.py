@@ -100,11 +100,14 @@ def _open(request: CellRequest) -> Cell:
     except BaseException:
         tracker.close()
         raise
+    warnings = [said or difference_of_limits(request.description, own)]
+    if not request.description.simulated and request.description.joint_friction is None:
+        warnings.append("friction is compensated with the model's numbers, not these arms': rtstack identify-friction")
     clock = RobotClock(pair, robot_clock)
     link = ClosingLink(pair, clock.wait, tracker.close)
     return Cell(
         request.kind, pair.left, pair.right, tracker, link, own_clocks=True, sensors=(clock,),
-        own_limits=own, cycles=pair.cycles, warning=said or difference_of_limits(request.description, own),
+        own_limits=own, cycles=pair.cycles, warning="; ".join(filter(None, warnings)),
     )  # fmt: skip
 
 

@@ -56,9 +56,10 @@ def identify_friction(
     """Move one joint after the other, with the object out of the way, and write both arms' friction."""
     from rtstack.cli.terminal import Terminal
     from rtstack.identification.procedure import Identification, lowest_object, runs_of, sweep_log
+    from rtstack.loop.end import End
     from rtstack.trials.friction import friction_toml
 
-    host = Terminal.of(cell, profile, cell_file, "friction identification", bar="friction identification")
+    host = Terminal.of(cell, profile, cell_file, "friction identification")
     description = host.description
     if output.suffix != ".toml":
         raise TrialError(f"{output}: a friction's file is a .toml")
@@ -71,17 +72,14 @@ def identify_friction(
     ]  # fmt: skip
     host.check()
     logs.mkdir(exist_ok=True)
-    with host.held() as context:
-        for k, run in enumerate(missing):
-            host.log_path = logs / sweep_log(run)
-            result = host.run(identification.prepared(run))
-            if context.stop is not None and context.stop.stop_requested:
-                fail("interrupted; give the same command again to go on")
-            if not result.success:
-                fail(f"joint {run.joint}: {result.failure_reason}")
-            identification.take(run.joint, result.columns)
-            if context.progress is not None:
-                context.progress((k + 1) / len(missing))
+    for k, run in enumerate(missing, 1):  # the key is held for one run at a time, 17 s
+        host.log_path, host.bar = logs / sweep_log(run), f"joint {run.joint}, {k} of {len(missing)}"
+        result = host.run(identification.prepared(run))
+        if not result.success and End.in_reason(result.failure_reason) in (End.STOP_REQUESTED, End.RELEASED):
+            fail("interrupted; give the same command again to go on")
+        if not result.success:
+            fail(f"joint {run.joint}: {result.failure_reason}")
+        identification.take(run.joint, result.columns)
     file = identification.file(description.name, seed)
     output.write_text(friction_toml(file), encoding="utf-8")
     for side, arm in (("left", file.left), ("right", file.right)):

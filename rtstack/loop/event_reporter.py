@@ -8,6 +8,7 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.timeline import Timeline
 from rtstack.samples import SIDES, Level, Mode
 
+MOST_PAUSES = 20
 _STOPPING = Mode.STOPPING  # looked up once: an enumeration's member costs 0.1 us
 
 
@@ -26,11 +27,14 @@ class EventReporter:
         self._mode, self._waiting = Mode.IDLE, False  # as they were told
         self._sides = sides
         self._unsaid = tuple(range(len(sides)))  # arms whose first impact has not been told yet
+        self._pauses = 0
         self._speaker = ""  # who has something to say about the end
 
     def tick(self) -> None:
         """Say what this tick has brought. Called every tick."""
         machine, monitor = self._machine, self._controller.monitor
+        if self._time.pause_ns:
+            self._pause()
         if self._unsaid and machine.impact_s >= 0.0 and machine.mode is not _STOPPING:
             self._impacts()
         if machine.mode is not self._mode or machine.waiting is not self._waiting:
@@ -68,6 +72,16 @@ class EventReporter:
         if len(self._sides) > 1:
             text += f", the arms' states were {self._time.skew_ns * 1e-6:g} ms apart at most"
         self._say(Level.INFO, "link", text)
+
+    def _pause(self) -> None:
+        """Report a pause that the robot has bridged, MOST_PAUSES of them at most."""
+        pause_ns, self._time.pause_ns = self._time.pause_ns, 0
+        self._pauses += 1
+        if self._pauses <= MOST_PAUSES:
+            text = f"no answer for {pause_ns * 1e-6:.0f} ms: the robot went on with the last torque"
+            self._say(
+                Level.WARNING, "link", text + ", and further pauses are not reported" * (self._pauses == MOST_PAUSES)
+            )
 
     def _impacts(self) -> None:
         """Each arm's first impact, where impacts are waited for: the second one tells how far apart they were."""

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TICK_NS = 1_000_000
+PAUSE_NS = 5 * TICK_NS  # ours: the robot bridges it with the last torque, and gives up after 20 ms
 
 
 class Timeline:
@@ -23,6 +24,7 @@ class Timeline:
         self.elapsed_ns = [-1] * arms
         self.now_ns = -1  # time since the start of the reference
         self.skew_ns = 0
+        self.pause_ns = 0  # the longest time without an answer since it was set to 0, from PAUSE_NS on
         # views of single fields: looking a field up costs more than writing it
         self._stamp, self._period_us, self._lateness_us, self._missed_deadlines, self._pair_skew_us = (
             timing[name] for name in ("t_ns", "period_us", "lateness_us", "missed_deadlines", "pair_skew_us")
@@ -68,6 +70,8 @@ class Timeline:
         self.now_ns = max(self.elapsed_ns)
         if last_ns >= 0 and elapsed_ns - last_ns > TICK_NS:
             self._missed[side] += max(0, round((elapsed_ns - last_ns) / TICK_NS) - 1)
+            if elapsed_ns - last_ns >= PAUSE_NS:
+                self.pause_ns = max(self.pause_ns, elapsed_ns - last_ns)
         if self._own_clocks:
             self._take_own(side, stamps, t_ns, host_ns)
         elif self._from_zero:

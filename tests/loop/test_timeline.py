@@ -83,3 +83,15 @@ def test_arms_of_one_clock_have_no_skew(timing):
         for side in (0, 1):
             take(time, side, k * TICK_NS, host_ns=k * 1_000_000 + side * 5_000)
             assert timing["pair_skew_us"][0] == 0.0
+
+
+def test_a_pause_that_the_robot_bridges_is_kept_until_it_is_reported(timing):
+    time = Timeline(timing, own_clocks=True)
+    for t_ms in (0, 1, 4, 5):
+        take(time, 0, t_ms * 1_000_000)
+        take(time, 1, t_ms * 1_000_000)
+    assert time.pause_ns == 0  # 3 ms is no pause yet
+    for t_ms in (17, 18):
+        take(time, 0, t_ms * 1_000_000)
+        take(time, 1, t_ms * 1_000_000)
+    assert time.pause_ns == 12_000_000
