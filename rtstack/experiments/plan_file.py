@@ -22,7 +22,16 @@ class PlanFile:
 
 def plan_file_at(path: Path) -> PlanFile:
     """Return the plan file at a path, which need not exist."""
-    return PlanFile(path, _commit_of(path))
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(path.parent), *arguments, "--", path.name]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5.0).stdout.strip()
+
+    try:
+        commit = git("log", "-1", "--format=%H") or "not committed"
+        return PlanFile(path, commit + (", edited since" if git("status", "--porcelain") else ""))
+    except (OSError, subprocess.SubprocessError):
+        return PlanFile(path, "unknown")
 
 
 def digest_of(specification: Any, further: Iterable[Path] = (), also: object = None) -> str:
@@ -50,15 +59,3 @@ def _forget_ideal(values: Any) -> None:
         del values["profile"]
     for value in values.values():
         _forget_ideal(value)
-
-
-def _commit_of(path: Path) -> str:
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(path.parent), *arguments, "--", path.name]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5.0).stdout.strip()
-
-    try:
-        commit = git("log", "-1", "--format=%H") or "not committed"
-        return commit + (", edited since" if git("status", "--porcelain") else "")
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"

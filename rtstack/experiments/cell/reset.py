@@ -164,14 +164,13 @@ def instruction(name: str, stands: Displacement, wanted: Displacement, descripti
     turn_deg = (wanted.yaw_deg - stands.yaw_deg + 90.0) % 180.0 - 90.0  # half a turn looks the same
     left_y = description.arms[0].base_position[1] - description.arms[-1].base_position[1]
     side = "left" if y_mm * left_y > 0.0 else "right"
-    parts = [
-        f"{abs(y_mm):.0f} mm towards the {side} arm" if abs(y_mm) >= 1.0 else "",
-        f"{abs(x_mm):.0f} mm {'along' if x_mm > 0.0 else 'against'} x" if abs(x_mm) >= 1.0 else "",
-        f"turn it by {abs(turn_deg):.0f} degrees {'counter' * (turn_deg > 0.0)}clockwise, seen from above"
-        if abs(turn_deg) >= 1.0
-        else "",
-    ]
-    return f"{name}: move it " + ", ".join(part for part in parts if part)
+    turning = f"{'counter' * (turn_deg > 0.0)}clockwise, seen from above"
+    parts = (
+        (y_mm, f"{abs(y_mm):.0f} mm towards the {side} arm"),
+        (x_mm, f"{abs(x_mm):.0f} mm {'along' if x_mm > 0.0 else 'against'} x"),
+        (turn_deg, f"turn it by {abs(turn_deg):.0f} degrees {turning}"),
+    )
+    return f"{name}: move it " + ", ".join(words for away, words in parts if abs(away) >= 1.0)
 
 
 def _near(off: tuple[float, float]) -> bool:

@@ -107,32 +107,25 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
     return None
 
 
-def _along(bench: ValidationBench, reference: PlannedReference, planned: PlannedMotion) -> PlannedMotion:
-    """Return the plan with what its free runs have left to compensate."""
-    acceleration = np.zeros((2, planned.recording.points.shape[1], COORDINATES))
-    for runs in reference.free_runs:
-        part = np.load(bench.out / SWEEPS / runs.file)
-        begin = planned.recording.impact if runs.part is PlanPhase.POST else 0
-        acceleration[:, begin : begin + part.shape[1]] = part
-    return compensated(planned, acceleration)
-
-
 def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario: Scenario) -> str | None:
     """Plan a reference, and write it beside its predictions. Returns None, or in one line why it is refused.
 
     What was identified along it has to be there.
     """
-    description = bench.description
     try:
         request = scenario.request(reference.case_name, reference.scale, reference.compensate, reference.map)
         planned = _planned(bench, reference.object, request)
         prediction = predict(planned, DIRECTIONS[reference.motion])
     except PlanError as error:
         return str(error)
-    planned = _along(bench, reference, planned)
+    left = np.zeros((2, planned.recording.points.shape[1], COORDINATES))  # for feedforward to compensate
+    for runs in reference.free_runs:
+        part = np.load(bench.out / SWEEPS / runs.file)
+        begin = planned.recording.impact if runs.part is PlanPhase.POST else 0
+        left[:, begin : begin + part.shape[1]] = part
     path = bench.out / RECORDINGS / reference.file
     prediction.write(path.with_suffix(".json"))
-    write_plan(path, planned, description, bench.cell_file)
+    write_plan(path, compensated(planned, left), bench.description, bench.cell_file)
     return None
 
 

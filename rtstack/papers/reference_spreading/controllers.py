@@ -34,12 +34,9 @@ NAMES = {
 BEYOND = {Controller.CONTACT_COMPLETION: "Contact completion"}  # ours: no part of what the paper compares
 # Okabe and Ito's colours, safe for colour-blind eyes
 COLOURS: dict[str, str] = {
-    Controller.NO_REFERENCE_SPREADING: "#D55E00",
-    Controller.NO_VELOCITY_FEEDBACK: "#CC79A7",
-    Controller.NO_INTERIM: "#56B4E9",
-    Controller.PROPOSED: "#000000",
-    Controller.CONTACT_COMPLETION: "#009E73",
-}
+    Controller.NO_REFERENCE_SPREADING: "#D55E00", Controller.NO_VELOCITY_FEEDBACK: "#CC79A7",
+    Controller.NO_INTERIM: "#56B4E9", Controller.PROPOSED: "#000000", Controller.CONTACT_COMPLETION: "#009E73",
+}  # fmt: skip
 MARKERS = dict(zip(COLOURS, "sv^oD", strict=True))
 
 

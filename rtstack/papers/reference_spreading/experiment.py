@@ -1,19 +1,47 @@
 """The comparison of controllers as a kind of experiment: references are recorded, trials run and logged, compared."""
 
 import sys
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hal.base.configuration import toml_text
 from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.registry import plan_file
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
-from rtstack.papers.reference_spreading.comparison_plan import comparison_plan
 from rtstack.papers.reference_spreading.plan import Plan, Trial, load_plan
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
     from rtstack.log.reader import Log
+
+PATTERN = "reference-spreading"  # the plan whose conditions and criterion of success a comparison takes
+_MADE = "made on the page Campaigns; the conditions and what a success is are those of the plan"
+
+
+def comparison_plan(
+    name: str, title: str, controllers: Sequence[str], objects: Sequence[str], demonstrations: int,
+    displacements_mm: Sequence[float], repetitions: int, seed: int,
+) -> str:  # fmt: skip
+    """Return the file of a plan that a person makes on the page Campaigns: controllers x demonstrations of each object
+    x displacements along y x repetitions. Raises OSError.
+    """
+    taken = tomllib.loads(plan_file(PATTERN).path.read_text(encoding="utf-8"))
+    first = next(iter(taken["conditions"].items()))
+    head = {
+        "name": name, "title": title, "seed": seed, "controllers": list(controllers), "success": taken["success"],
+        "conditions": dict([first]),
+    }  # fmt: skip
+    references = [f"{thing}/{number}" for thing in objects for number in range(demonstrations)]
+    experiment = {
+        "name": "comparison", "references": references, "displacements_mm": list(displacements_mm),
+        "repetitions": repetitions, "conditions": [first[0]],
+    }  # fmt: skip
+    sample = {"references": 1, "displacements_mm": list(displacements_mm[:2]), "repetitions": 1}
+    parts = [toml_text(head, f"{_MADE} {taken['name']}"), "[[experiments]]", toml_text(experiment)]
+    return "\n".join([*parts, "[experiments.quick]", toml_text(sample)])
 
 
 class ControllerComparison(Experiment[Plan, Trial]):

@@ -213,15 +213,8 @@ class Plan:
         references = [*chosen, *map(Reference.named, experiment.references)]
         return [
             Trial(
-                experiment=experiment.name,
-                conditions=conditions,
-                reference=self.recorded(reference, conditions).name,
-                object=reference.object,
-                displacement_mm=y_mm,
-                displacement_x_mm=x_mm,
-                yaw_deg=yaw_deg,
-                repetition=repetition,
-                controller=controller,
+                experiment.name, conditions, self.recorded(reference, conditions).name, reference.object, y_mm,
+                repetition, controller, displacement_x_mm=x_mm, yaw_deg=yaw_deg,
                 seed=seed_of(self.seed, experiment.name, reference.name, *seeded(y_mm, x_mm, yaw_deg), repetition),
             )
             for conditions in experiment.conditions
@@ -229,7 +222,7 @@ class Plan:
             for y_mm, x_mm, yaw_deg in experiment.places
             for repetition in range(experiment.repetitions)
             for controller in self.controllers_of(experiment)
-        ]
+        ]  # fmt: skip
 
     def cases(self, rows: Sequence[Row], unrecorded: Collection[str] = ()) -> list[Trial]:
         """Return the trials that are known with these results; references are selected once all candidates were run.
@@ -267,20 +260,15 @@ class Plan:
         """Return the --quick version. Experiments without one are left out."""
         experiments = []
         for experiment in self.experiments:
-            sample = experiment.quick
-            if sample is None:
+            if (sample := experiment.quick) is None:
                 continue
             selected = experiment.selected
-            experiments.append(
-                replace(
-                    experiment,
-                    references=experiment.references[: sample.references],
-                    displacements_mm=sample.displacements_mm,
-                    repetitions=sample.repetitions,
-                    selected=replace(selected, count=sample.selected) if selected and sample.selected else None,
-                    conditions=experiment.conditions[: sample.conditions],
-                )
-            )
+            experiments.append(replace(
+                experiment, references=experiment.references[: sample.references],
+                displacements_mm=sample.displacements_mm, repetitions=sample.repetitions,
+                selected=replace(selected, count=sample.selected) if selected and sample.selected else None,
+                conditions=experiment.conditions[: sample.conditions],
+            ))  # fmt: skip
         return replace(self, experiments=tuple(experiments), quick=True)
 
 
@@ -288,8 +276,13 @@ def load_plan(path: Path, quick: bool = False) -> Plan:
     """Read and check a plan. Raises ConfigurationError, or TrialError for a controller that cannot be loaded."""
     plan = load_toml(path, Plan)
     check_claims(path, plan.claims, JUDGES)
-    if plan.hands is not None:
-        plan = with_hands(path, plan, plan.hands)
+    if (hands := plan.hands) is not None:
+        if hands.base not in plan.conditions:
+            raise ConfigurationError(f"{path}: key hands.base: no conditions are named {hands.base}")
+        made = hands.conditions(plan.conditions[hands.base])
+        experiments = (replace(each, conditions=tuple(made)) if each.conditions == (HANDS,) else each
+                       for each in plan.experiments)  # fmt: skip
+        plan = replace(plan, conditions=plan.conditions | made, experiments=tuple(experiments))
     for controller in {*plan.controllers, *(name for each in plan.experiments for name in each.controllers or ())}:
         controller_factory(controller)
     names = [experiment.name for experiment in plan.experiments]
@@ -304,17 +297,6 @@ def load_plan(path: Path, quick: bool = False) -> Plan:
     if quick and not any(experiment.quick for experiment in plan.experiments):
         raise ConfigurationError(f"{path}: no experiment has a quick sample: run it without --quick")
     return plan.as_sample() if quick else plan
-
-
-def with_hands(path: Path, plan: Plan, hands: Hands) -> Plan:
-    """Return the plan with conditions for each hand. Raises ConfigurationError where there are none to begin from."""
-    if hands.base not in plan.conditions:
-        raise ConfigurationError(f"{path}: key hands.base: no conditions are named {hands.base}")
-    made = hands.conditions(plan.conditions[hands.base])
-    experiments = tuple(
-        replace(each, conditions=tuple(made)) if each.conditions == (HANDS,) else each for each in plan.experiments
-    )
-    return replace(plan, conditions=plan.conditions | made, experiments=experiments)
 
 
 def select(rows: Sequence[Row], count: int) -> list[Reference]:

@@ -162,18 +162,13 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
     same = [row for row in some if all(row[name] == example[name] for name in wanted)]
     which, same = "every repetition" if len(same) <= MOST_DRAWN else "the first repetitions", same[:MOST_DRAWN]
     parameters = cell_parameters(description)
-    recording = load_recording(
-        archive.file(f"{RECORDINGS}/{Reference.named(example['reference']).file}"),
-        arm_controllers(description, parameters),
-        parameters.detector,
-        parameters.control.period_s,
-    )
-    reference = extend(recording, parameters.control.exclusion_s)
+    file = archive.file(f"{RECORDINGS}/{Reference.named(example['reference']).file}")
+    arms, control = arm_controllers(description, parameters), parameters.control
+    recording = load_recording(file, arms, parameters.detector, control.period_s)
+    reference = extend(recording, control.exclusion_s)
+    nominal_s = reference.nominal_impact_s
     logged = [
-        logged_trial(
-            archive.file(row["log"]), row["controller"], row["object"], description, reference.nominal_impact_s
-        )
-        for row in same
+        logged_trial(archive.file(row["log"]), row["controller"], row["object"], description, nominal_s) for row in same
     ]
     first = {trial.controller: trial for trial in reversed(logged)}
     papers = [trial for trial in logged if trial.controller in NAMES]
@@ -190,12 +185,12 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
             Figure("figure8.png", f"Figure 8: velocity and desired force towards the object ({of}, {log}).",
                    lambda path: figure8(path, columns, reference, EXAMPLE_MM)),
             Figure("figure10.png", f"Figure 10: desired force norm (33), {of}, {which}.",
-                   lambda path: figure10(path, papers, reference.nominal_impact_s)),
+                   lambda path: figure10(path, papers, nominal_s)),
         ]  # fmt: skip
     pair = [trial for trial in logged if trial.controller in COMPARED]
     if len({trial.controller for trial in pair}) == len(COMPARED):
         caption = f"Beyond the paper: desired force norm (33) with and without the detector, {of}."
-        found.append(Figure("beyond.png", caption, lambda path: figure10(path, pair, reference.nominal_impact_s)))
+        found.append(Figure("beyond.png", caption, lambda path: figure10(path, pair, nominal_s)))
     return found
 
 

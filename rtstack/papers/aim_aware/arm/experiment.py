@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rtstack.experiments.experiment import SIMULATED, CellRun, Request, Row, Stages
-from rtstack.papers.aim_aware.arm.study import ArmRun, LogFolder, load_arm_run
+from rtstack.papers.aim_aware.arm.study import ArmRun, LogFolder, load_arm_run, platform_cell_file, platform_files
 from rtstack.papers.aim_aware.experiment import MonitorStudy
 from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.platform.setup import platform_cell_file, platform_files
 from rtstack.papers.aim_aware.tuned import tuning_file
 
 if TYPE_CHECKING:

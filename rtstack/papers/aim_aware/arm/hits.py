@@ -17,13 +17,12 @@ from rtstack.experiments.experiment import DIRECT
 from rtstack.experiments.seeds import seed_of
 from rtstack.model.cell_description import ArmMounting
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.arm.study import ArmStudy, Rates
+from rtstack.papers.aim_aware.arm.study import ArmStudy, Rates, Setup, platform_files
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.planar.parameters import Task
 from rtstack.papers.aim_aware.planar.plan import approach_velocity
 from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit
 from rtstack.papers.aim_aware.platform.plan import AXES, PERIOD_S, HitPlan, plan_hit
-from rtstack.papers.aim_aware.platform.setup import Setup, platform_files
 from rtstack.papers.simulated_cell import BuiltCell
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.record import RunLog

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -16,13 +17,40 @@ from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
 from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, load_outline
 from rtstack.papers.aim_aware.platform.hit import HitGains
-from rtstack.papers.aim_aware.platform.setup import Setup, platform_cell_file, platform_files
 from rtstack.papers.aim_aware.tuned import tuned_for
+from rtstack.papers.conditions import files_of_plant
 
 STUDY = "aim-aware-arm"
 COMMAND = "python -m rtstack.papers.aim_aware.arm.tuning"
 Rates = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
 Count = Annotated[int, Field(ge=1, le=100)]
+
+
+def platform_cell_file() -> Path:
+    """Return the path of the cell's description."""
+    with as_file(files("deploy.cells") / "platform.toml") as path:
+        return path
+
+
+def platform_files() -> list[Path]:
+    """Return the files of the simulated cell."""
+    return files_of_plant("scenes/platform.toml", "parameters/plant.toml")
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Setup:
+    """The set-up of a hit and its accuracy. robot: which arm is drawn, the same in all hits. Standard deviations of the
+    platform's inclination and height.
+
+    stiffness, damping, friction: of the contact, N/m, Ns/m, where it is not the scene's own.
+    """
+
+    robot: Annotated[int, Field(ge=0)]
+    inclination_deg: NotNegative
+    height_mm: NotNegative
+    stiffness: Positive | None = None
+    damping: Positive | None = None
+    friction: Positive | None = None
 
 
 @checked(frozen=True, slots=True, config=STRICT)

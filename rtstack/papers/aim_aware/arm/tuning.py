@@ -21,11 +21,10 @@ from rich.progress import track
 
 from hal.base.configuration import ConfigurationError
 from rtstack.papers.aim_aware.arm.hits import LARGE, Twist, learn, nominal_hits, prior, tuning_hit
-from rtstack.papers.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Rates, load_arm_study
+from rtstack.papers.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Rates, load_arm_study, platform_files
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case, Found
 from rtstack.papers.aim_aware.platform.plan import PERIOD_S
-from rtstack.papers.aim_aware.platform.setup import platform_files
 from rtstack.papers.aim_aware.tuned import digest_of
 from rtstack.papers.aim_aware.tuning import Need, need, separate, write_tuning
 

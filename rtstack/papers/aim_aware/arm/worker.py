@@ -12,12 +12,11 @@ from rtstack.experiments.seeds import seed_of
 from rtstack.log.reader import Log
 from rtstack.loop.end import End
 from rtstack.papers.aim_aware.arm.hits import hit_case, learn, nominal_hits, plan_case, prepare_hit, prior
-from rtstack.papers.aim_aware.arm.study import ArmRun
+from rtstack.papers.aim_aware.arm.study import ArmRun, platform_cell_file
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit, hit_parameters, ticks_of
 from rtstack.papers.aim_aware.platform.plan import HitPlan
-from rtstack.papers.aim_aware.platform.setup import platform_cell_file
 from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
 from rtstack.papers.demonstrations import campaign_record, record_of
 from rtstack.trials.record import cell_attachments, whole_run_log

@@ -41,16 +41,11 @@ FURTHER = tuple(FaultKind)[6:]
 
 # what a classification that is right says
 TRUE_KIND = {
-    FaultKind.MISSING: Unexpected.MISSING,
-    FaultKind.SHIFTED: Unexpected.WRONG_PLACE,
-    FaultKind.HEAVY: Unexpected.TOO_HEAVY,
-    FaultKind.LIGHT: Unexpected.TOO_LIGHT,
-    FaultKind.TILTED: Unexpected.TILTED,
-    FaultKind.PUSH: Unexpected.PUSH,
-    FaultKind.WIDER: Unexpected.TOO_EARLY,
-    FaultKind.NARROWER: Unexpected.TOO_LATE,
-    FaultKind.FAR_SIDE: Unexpected.ONE_SIDE,
-}
+    FaultKind.MISSING: Unexpected.MISSING, FaultKind.SHIFTED: Unexpected.WRONG_PLACE,
+    FaultKind.HEAVY: Unexpected.TOO_HEAVY, FaultKind.LIGHT: Unexpected.TOO_LIGHT,
+    FaultKind.TILTED: Unexpected.TILTED, FaultKind.PUSH: Unexpected.PUSH, FaultKind.WIDER: Unexpected.TOO_EARLY,
+    FaultKind.NARROWER: Unexpected.TOO_LATE, FaultKind.FAR_SIDE: Unexpected.ONE_SIDE,
+}  # fmt: skip
 
 
 @checked(frozen=True, slots=True, config=STRICT)
