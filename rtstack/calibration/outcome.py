@@ -88,19 +88,15 @@ def outcome(points: Mapping[str, Point], description: CellDescription, today: da
     """Fit what the measured points determine. Raises TrialError with one line."""
     try:
         fit = calibrate(observations(points, description), nominal_geometry(description))
-        loads, stood = _loads(points, description), pivots(points, description, fit.geometry.tracker)
+        loads: dict[str, Payload] = {}
+        for (side, mounting), pad in zip(description.mountings.items(), description.pads, strict=True):
+            q, tau = resting(points, side)
+            if len(q):
+                loads[side] = payload(build_model(mounting, pad), (pad.mass, pad.F_x_centre), q, tau)
+        stood = pivots(points, description, fit.geometry.tracker)
     except CalibrationError as error:
         raise TrialError(str(error)) from None
     values = changes(fit, loads, description, today)
     values |= {("tracker", "bodies", name, "position"): rows.mean(axis=0).round(5).tolist()
                for name, rows in stood.items()}  # fmt: skip
     return Outcome(fit, loads, stood, values)
-
-
-def _loads(points: Mapping[str, Point], description: CellDescription) -> dict[str, Payload]:
-    found = {}
-    for (side, mounting), pad in zip(description.mountings.items(), description.pads, strict=True):
-        q, tau = resting(points, side)
-        if len(q):
-            found[side] = payload(build_model(mounting, pad), (pad.mass, pad.F_x_centre), q, tau)
-    return found

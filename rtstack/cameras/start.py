@@ -37,15 +37,11 @@ class Cameras:
                 "name": name, "camera": asdict(camera), "pictures": ring.name, "rings": rings.name,
                 "cell_file": str(cell_file), "object": object_name, "parent": os.getpid(),
             }  # fmt: skip
-            self._processes.append(
-                subprocess.Popen(
-                    [sys.executable, "-m", "rtstack.cameras.process", json.dumps(job)],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    start_new_session=True,
-                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-                )
-            )
+            command = [sys.executable, "-m", "rtstack.cameras.process", json.dumps(job)]
+            self._processes.append(subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            ))  # fmt: skip
         self.logged = tuple(logged)
 
     @property

@@ -138,18 +138,13 @@ def _pictures(log: Log, name: str) -> Pictures:
 
 def field_attributes(topic: Topic) -> dict[str, dict[str, str]]:
     """Return of each field of a topic what its values are: unit, frame, axes, text, values of an enumeration, bits."""
-    return {
-        field.name: {
-            name: value
-            for name, value in (
-                ("unit", field.unit),
-                ("frame", field.frame),
-                ("axes", " ".join(field.axes)),
-                ("description", field.comment.replace("column-major", "row-major")),
-                ("values", ", ".join(f"{int(each)} {each.name.lower()}" for each in field.enum or ())),
-                ("bits", " ".join(field.bits)),
-            )
-            if value
-        }
-        for field in topic.message.fields
-    }
+    found = {}
+    for one in topic.message.fields:
+        known = {
+            "unit": one.unit, "frame": one.frame, "axes": " ".join(one.axes),
+            "description": one.comment.replace("column-major", "row-major"),
+            "values": ", ".join(f"{int(each)} {each.name.lower()}" for each in one.enum or ()),
+            "bits": " ".join(one.bits),
+        }  # fmt: skip
+        found[one.name] = {name: value for name, value in known.items() if value}
+    return found

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hal.topic import Topic
@@ -97,7 +96,10 @@ class Hdf5:
             processed = recording[f"SENSOR_MEASUREMENT/{OBJECT_TOPIC[1:].replace('/', '_')}"].create_group(
                 f"POSTPROCESSING/{name}"
             )
-            transforms = processed.create_dataset("transforms", data=_transforms(poses), **_FILTERS)
+            T = np.tile(np.eye(4), (len(poses), 1, 1))
+            T[:, :3, 3] = poses["position"]
+            T[:, :3, :3] = Rotation.from_quat(poses["orientation_wxyz"], scalar_first=True).as_matrix()
+            transforms = processed.create_dataset("transforms", data=T, **_FILTERS)
             transforms.attrs["note"] = "T_world_object, (n, 4, 4), row-major, m: of the rows whose `seen` is not 0"
 
 
@@ -136,11 +138,3 @@ def _new_file(path: Path) -> Iterator[Any]:
         finally:
             if disk.error is not None:
                 raise disk.error
-
-
-def _transforms(poses: NDArray) -> NDArray[np.float64]:
-    """Return the poses (n,) as 4x4 matrices (n, 4, 4)."""
-    T = np.tile(np.eye(4), (len(poses), 1, 1))
-    T[:, :3, 3] = poses["position"]
-    T[:, :3, :3] = Rotation.from_quat(poses["orientation_wxyz"], scalar_first=True).as_matrix()
-    return T

@@ -70,12 +70,9 @@ class LeRobot(FrameFormat):
             task, length = tasks.setdefault(said["task"], len(tasks)), said["length"]
             frame = np.arange(length)
             counted = {
-                "timestamp": (frame / self.fps).astype(np.float32),
-                "frame_index": frame,
-                "episode_index": np.full(length, number),
-                "index": begin + frame,
-                "task_index": np.full(length, task),
-            }
+                "timestamp": (frame / self.fps).astype(np.float32), "frame_index": frame,
+                "episode_index": np.full(length, number), "index": begin + frame, "task_index": np.full(length, task),
+            }  # fmt: skip
             for name, values in counted.items():
                 table = table.append_column(name, _column(values))
             chunk, file = files.write(table)
@@ -108,20 +105,11 @@ class LeRobot(FrameFormat):
         stats = {name: _statistics(np.concatenate([each[name] for each in shown])) for name in shown[0]}
         (meta / "stats.json").write_text(json.dumps(stats, indent=1))
         info = {
-            "codebase_version": VERSION,
-            "robot_type": said["robot"] or None,
-            "total_episodes": len(rows),
-            "total_frames": frames,
-            "total_tasks": len(tasks),
-            "chunks_size": _FILES,
-            "data_files_size_in_mb": _FILE_BYTES // 1_000_000,
-            "video_files_size_in_mb": 500,
-            "fps": self.fps,
-            "splits": {"train": f"0:{len(rows)}"},
-            "data_path": DATA,
-            "video_path": None,
-            "features": _features(said),
-        }
+            "codebase_version": VERSION, "robot_type": said["robot"] or None, "total_episodes": len(rows),
+            "total_frames": frames, "total_tasks": len(tasks), "chunks_size": _FILES,
+            "data_files_size_in_mb": _FILE_BYTES // 1_000_000, "video_files_size_in_mb": 500, "fps": self.fps,
+            "splits": {"train": f"0:{len(rows)}"}, "data_path": DATA, "video_path": None, "features": _features(said),
+        }  # fmt: skip
         (meta / "info.json").write_text(json.dumps(info, indent=1))
 
 
@@ -132,20 +120,12 @@ def _kept(episode: Episode) -> dict[str, Any]:
     said = [dict(zip(names, (each.decode() if isinstance(each, bytes) else each for each in record), strict=True))
             for record in events.tolist()]  # fmt: skip
     files = {each.name: [each.media_type, each.data.decode(errors="replace")] for each in episode.attachments}
-    return {
-        "first_t_ns": span_of(episode)[0],
-        "events": json.dumps(said),
-        "attachments": json.dumps(files),
-        "cameras": json.dumps(
-            {
-                name: {
-                    topic: [t_ns, base64.b64encode(message).decode()] for topic, (t_ns, message) in each.about.items()
-                }
-                for name, each in episode.pictures.items()
-            }
-        ),
-        "source": episode.source,
+    cameras = {
+        name: {topic: [t_ns, base64.b64encode(message).decode()] for topic, (t_ns, message) in each.about.items()}
+        for name, each in episode.pictures.items()
     }
+    written = {"events": json.dumps(said), "attachments": json.dumps(files), "cameras": json.dumps(cameras)}
+    return {"first_t_ns": span_of(episode)[0], **written, "source": episode.source}
 
 
 def _image_columns(camera: str, pictures: Pictures, at: NDArray[np.intp]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
@@ -236,12 +216,8 @@ def _task_table(tasks: Mapping[str, int]) -> Any:
     def column(name: str, kind: str, numpy: str) -> dict[str, Any]:
         return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
 
-    described = {
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [column("task_index", "int64", "int64"), column("task", "unicode", "object")],
-        "pandas_version": "2.0.0",
-    }
+    columns = [column("task_index", "int64", "int64"), column("task", "unicode", "object")]
+    described = {"index_columns": ["task"], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
     table = pa.table({"task_index": list(tasks.values()), "task": list(tasks)})
     return table.replace_schema_metadata({"pandas": json.dumps(described)})
 

@@ -259,23 +259,19 @@ class TwinReplay:
 def replay_in_twin(path: Path, profile: str) -> TwinReplay:
     """Run a log's commands in the simulated robot of a profile, a name or a path. Raises TrialError with one line."""
     run = read_run(path)
-    kind = with_profile("direct", profile)
-    replayed = run.again(_opened(run, kind))
-    arms = tuple(_contact(side, run.columns.arm[k], replayed.arm[k]) for k, side in enumerate(run.log.sides))
-    return TwinReplay(str(path), run.kind, profile, run.columns.arm.shape[1], replayed.arm.shape[1], arms)
+    kind, asked = with_profile("direct", profile), run.asked
 
-
-def _opened(run: LoggedRun, kind: str) -> Callable[[Path, CellDescription], Any]:
-    asked, seed = run.asked, run.asked.seed + OTHER_ARM
-
-    def opened(folder: Path, description: CellDescription) -> Any:
+    def opened(folder: Path, description: CellDescription) -> Cell:
         for samples, mounting in zip(run.columns.arm, description.arms, strict=True):
             away = float(np.abs(samples["q"][0] - np.array(mounting.home)).max())
             if run.kind not in ("trial", "demonstration") and away > AT_HOME_RAD:
                 raise TrialError(f"{run.log.path}: an arm begins {away:.2f} rad away from home, where a twin begins")
-        return open_cell(kind, asked.object, asked.displacement, seed, description, cell_file=folder / "cell.toml")
+        seed, file = asked.seed + OTHER_ARM, folder / "cell.toml"
+        return open_cell(kind, asked.object, asked.displacement, seed, description, cell_file=file)
 
-    return opened
+    replayed = run.again(opened)
+    arms = tuple(_contact(side, run.columns.arm[k], replayed.arm[k]) for k, side in enumerate(run.log.sides))
+    return TwinReplay(str(path), run.kind, profile, run.columns.arm.shape[1], replayed.arm.shape[1], arms)
 
 
 def _contact(side: str, logged: NDArray, twin: NDArray) -> Contact:

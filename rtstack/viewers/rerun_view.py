@@ -62,20 +62,14 @@ def _plot(name: str, sides: Sequence[str], topic: str, message: str, selectors: 
 
     overrides: Any = {
         f"/{side}/{topic}": [
-            rr.SeriesLines.from_fields(names=[f"{side} {selector.strip('.[]')}"]).visualizer(
-                mappings=[
-                    VisualizerComponentMapping(
-                        "Scalars:scalars",
-                        ComponentSourceKind.SourceComponent,
-                        source_component=f"rtstack.{message}:message",
-                        selector=selector,
-                    )
-                ]
-            )
+            rr.SeriesLines.from_fields(names=[f"{side} {selector.strip('.[]')}"]).visualizer(mappings=[
+                VisualizerComponentMapping("Scalars:scalars", ComponentSourceKind.SourceComponent,
+                                           source_component=f"rtstack.{message}:message", selector=selector)
+            ])
             for selector in selectors
         ]
         for side in sides
-    }
+    }  # fmt: skip
     contents = [f"+ {path}" for path in overrides]
     legend = rrb.PlotLegend(visible=False)
     return rrb.TimeSeriesView(name=name, origin="/", contents=contents, overrides=overrides, plot_legend=legend)

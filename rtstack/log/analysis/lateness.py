@@ -228,17 +228,14 @@ def _late_cycles(side: str, cycles: NDArray, arm: NDArray, work: NDArray, start_
                 blame_outside = _robot_or_wire(away_us, counted, float(own_us[k]))
             blame, open_until = blame_outside, k + 2
         busy_us = min(max(0.0, float(cycles["free_us"][k])), float(cycles["seen_us"][k]))
-        found.append(
-            LateCycle(
-                t_s=1e-9 * (int(cycles["t_ns"][k]) - start_ns), side=side, blame=blame,
-                late_us=round(away_us + float(own_us[k]), 1), outside_us=round(away_us, 1), busy_us=round(busy_us, 1),
-                wake_us=round(float(cycles["seen_us"][k]) - busy_us, 1),
-                read_us=round(float(cycles["read_us"][k] - cycles["seen_us"][k]), 1),
-                tick_us=round(float(cycles["answered_us"][k] - cycles["read_us"][k]), 1),
-                missing=int(missing[k]), passed_over=int(passed_over[k]), unanswered=counted, cause=cause,
-                page_faults=faults,
-            )
-        )  # fmt: skip
+        found.append(LateCycle(
+            t_s=1e-9 * (int(cycles["t_ns"][k]) - start_ns), side=side, blame=blame,
+            late_us=round(away_us + float(own_us[k]), 1), outside_us=round(away_us, 1), busy_us=round(busy_us, 1),
+            wake_us=round(float(cycles["seen_us"][k]) - busy_us, 1),
+            read_us=round(float(cycles["read_us"][k] - cycles["seen_us"][k]), 1),
+            tick_us=round(float(cycles["answered_us"][k] - cycles["read_us"][k]), 1), missing=int(missing[k]),
+            passed_over=int(passed_over[k]), unanswered=counted, cause=cause, page_faults=faults,
+        ))  # fmt: skip
     return found
 
 

@@ -54,14 +54,12 @@ def topic_signals(topic: str) -> tuple[Signal, ...]:
     for field in CURVES[topic].plotted_fields:
         for component in field.axes or ("",):
             end = f".{component}" if component else ""
-            signals.append(
-                Signal(
-                    f"{group}.{field.name}{end}", topic, group, field.name, component, _unit(field, component),
-                    len(signals), field.plain or field.name.replace("_", " "),
-                    "both arms" if field.name in _OF_BOTH else group,
-                    f"{group}.{field.reference}{end}" if field.reference else "",
-                )
-            )  # fmt: skip
+            signals.append(Signal(
+                f"{group}.{field.name}{end}", topic, group, field.name, component, _unit(field, component),
+                len(signals), field.plain or field.name.replace("_", " "),
+                "both arms" if field.name in _OF_BOTH else group,
+                f"{group}.{field.reference}{end}" if field.reference else "",
+            ))  # fmt: skip
     return tuple(signals)
 
 

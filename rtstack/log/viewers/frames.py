@@ -63,15 +63,10 @@ def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
         if child is None:
             continue
         place = {} if origin is None else origin.attrib
+        xyz, rpy = (np.array(triple(place.get(name, "0 0 0"))) for name in ("xyz", "rpy"))
         fixed = joint.get("type") == "fixed"
-        joints.append(
-            JointPlacement(
-                child=child.attrib["link"],
-                position=np.array(triple(place.get("xyz", "0 0 0"))),
-                orientation_wxyz=from_rpy(np.array(triple(place.get("rpy", "0 0 0")))),
-                axis=None if fixed or axis is None else np.array(triple(axis.get("xyz", "1 0 0"))),
-            )
-        )
+        about = None if fixed or axis is None else np.array(triple(axis.get("xyz", "1 0 0")))
+        joints.append(JointPlacement(child.attrib["link"], xyz, from_rpy(rpy), about))
     return tuple(joints)
 
 
@@ -84,14 +79,10 @@ def triple(text: str) -> tuple[float, float, float]:
 def from_rpy(rpy: Array) -> Array:
     """Quaternion wxyz of URDF's fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0), np.sin(rpy / 2.0)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    return np.array([
+        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy,
+    ])  # fmt: skip
 
 
 def rotation_of(wxyz: Array) -> Array:
@@ -105,15 +96,12 @@ def _products(a: Array, b: Array) -> Array:
     """Hamilton products of a quaternion a (4,) and quaternions b (n, 4), all wxyz."""
     aw, ax, ay, az = a.tolist()
     bw, bx, by, bz = b.T
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=1,
-    )
+    return np.column_stack([
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    ])  # fmt: skip
 
 
 def quaternions_of(R: Array) -> Array:
