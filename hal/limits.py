@@ -1,6 +1,7 @@
 """What this stack is written for, 7 joints at 1 kHz; limits and thresholds of an arm. Numbers: hal/robots/*.toml."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
@@ -18,18 +19,42 @@ COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True)
+class HoldBounds:
+    """The bounds outside of which an arm is not held without its judge (hal.fci.hold).
+
+    Joints (7,): position, rad; speed, rad/s; the robot's estimate of the external torque, Nm. force_max: of the size of
+    its estimate of the pad's force, N.
+    """
+
+    q_lower: tuple[float, ...]
+    q_upper: tuple[float, ...]
+    dq_max: tuple[float, ...]
+    tau_ext_max: tuple[float, ...]
+    force_max: float
+
+
+@dataclass(frozen=True, slots=True)
 class CollisionBehaviour:
     """Thresholds of contact (flags only) and collision (reflex): joints (7,) Nm, pad (6,) N and Nm.
 
     By default those of a grab by impact, which must not be a collision: the vendor's examples stop at 20 N, which every
     wanted impact exceeds. A robot takes them between two motions only; what a phase of a motion may exert is the safety
     judge's (rtstack.safety.limits), and these are the line behind it.
+    hold: the judge's bounds of the same motion; None: hold_bounds follow from the thresholds.
     """
 
     contact_torques: tuple[float, ...] = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
     collision_torques: tuple[float, ...] = COLLISION_TORQUES
     contact_forces: tuple[float, ...] = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
     collision_forces: tuple[float, ...] = (250.0, 250.0, 250.0, 80.0, 80.0, 80.0)
+    hold: HoldBounds | None = field(default=None, compare=False)
+
+    @property
+    def hold_bounds(self) -> HoldBounds:
+        """Return where a hold ends: at the judge's bounds, or at these thresholds."""
+        wide = (inf,) * DOF
+        widest = HoldBounds((-inf,) * DOF, wide, wide, self.collision_torques, min(self.collision_forces[:3]))
+        return self.hold or widest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

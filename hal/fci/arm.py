@@ -18,7 +18,7 @@ from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.peeked_state import PeekedState, stamp_arrivals
 from hal.fci.setup import configure, tell_collisions
 from hal.fci.sockets import give_up_after, numeric, open_sockets, shut_down
-from hal.limits import CollisionBehaviour
+from hal.limits import CollisionBehaviour, HoldBounds
 from hal.pad import Pad
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
@@ -59,6 +59,7 @@ class FciArm:
         self.unread = False  # True: the next read returns the last state once more, without waiting
         self.peeked: PeekedState | None = None  # where the arm is answered by a clock of its own
         self.cycles: CycleTimes | None = None  # where they are to be measured
+        self.let_go = ""  # why the last hold ended, see hal.fci.hold.Held
         self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         self._robot: franka.Robot | None = None
         self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
@@ -94,9 +95,9 @@ class FciArm:
         Raises CommandRejected while the arm moves, ConnectionLost.
         """
         tool, before = self._setup
+        self._setup = (tool, collisions)
         if collisions == before:
             return
-        self._setup = (tool, collisions)
         if not self.reflex():
             with vendor_errors(self.called), _own_schedule():
                 tell_collisions(self._open_robot(), collisions)
@@ -117,6 +118,11 @@ class FciArm:
         """Whether the robot wants an answer each millisecond."""
         return self._control is not None and not self._lost
 
+    @property
+    def hold_bounds(self) -> HoldBounds:
+        """The bounds of a hold, see hal.fci.hold.Held."""
+        return self._setup[1].hold_bounds
+
     def last_torque(self) -> Array:
         """Return what to go on with, see hal.fci.hold.Held."""
         return np.array(self._torques.tau_J)
@@ -132,6 +138,7 @@ class FciArm:
             with vendor_errors(self.called), _own_schedule():
                 self._control = robot.start_torque_control()
             self._torques.tau_J = [0.0] * 7
+            self.let_go = ""
 
     @property
     def t_ns(self) -> int:
@@ -166,7 +173,7 @@ class FciArm:
             self._take(state, number, mode)
         if mode == RobotMode.REFLEX:
             names = _reasons(state)
-            raise CommandRejected(f"{self.called} is in reflex: {', '.join(names)}; recover it first", names)
+            raise CommandRejected(f"{self._blamed} is in reflex: {', '.join(names)}; recover it first", names)
         return self.state
 
     def _take(self, state: franka.RobotState, number: int, mode: int) -> None:
@@ -274,7 +281,12 @@ class FciArm:
         """Leave torque control, as the robot has, and return what to raise."""
         self._lost = isinstance(error, franka.NetworkException)
         self._control = None
-        return as_hardware_error(error, self.called)
+        return as_hardware_error(error, self._blamed)
+
+    @property
+    def _blamed(self) -> str:
+        """Name of the arm in an error, with what became of the last hold where that ended early."""
+        return f"{self.called} ({self.let_go})" if self.let_go else self.called
 
 
 def _latched(state: franka.RobotState) -> tuple[str, ...]:

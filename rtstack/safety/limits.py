@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array, Seven, seven
-from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, CollisionBehaviour, OwnLimits
+from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, CollisionBehaviour, HoldBounds, OwnLimits
 from hal.robots import FR3, RobotModel
 
 Three = tuple[float, float, float]
@@ -126,7 +126,7 @@ class SafetyLimits:
 
     def collisions(self, phase: ForcePhase) -> CollisionBehaviour:
         """Return the robot's own thresholds for a motion of this phase: REFLEX_SHARE further out than the judge's, and
-        never beyond those of an impact."""
+        never beyond those of an impact. With them the judge's bounds themselves, for an arm that is held meanwhile."""
         widest = CollisionBehaviour()
         torques = np.minimum(REFLEX_SHARE * self.tau_ext_by_phase[phase], widest.collision_torques)
         force = min(REFLEX_SHARE * float(self.force_by_phase[phase]), widest.collision_forces[0])
@@ -136,7 +136,11 @@ class SafetyLimits:
             collision_torques=tuple(torques.tolist()),
             contact_forces=tuple(np.minimum(widest.contact_forces, force).tolist()),
             collision_forces=(force,) * 3 + (moment,) * 3,
-        )
+            hold=HoldBounds(
+                self.q_lower, self.q_upper, self.dq_max, seven(self.tau_ext_by_phase[phase]),
+                float(self.force_by_phase[phase]),
+            ),
+        )  # fmt: skip
 
     def dq_upper(self, q: Array) -> Array:
         """Return the largest velocity allowed at q (..., 7), rad/s."""

@@ -3,7 +3,9 @@
 In slow motion, so that 20 lost packets are 160 ms of a host that may be busy.
 """
 
+import re
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import pytest
 from hal.cell import LEFT, RIGHT
 from hal.errors import CommandRejected
 from hal.fci import FciPair, open_pair
+from hal.limits import CollisionBehaviour, HoldBounds
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, RecoveryStatus
 from tests.support.fci.raw import RawClient
@@ -76,3 +79,24 @@ def test_a_box_that_recovers_says_so_and_takes_its_time() -> None:
             modes.append(int(raw.state()["robot_mode"]))
         assert 700 <= modes.count(RobotMode.AUTOMATIC_ERROR_RECOVERY) <= 7301
         assert raw.answer()[2] == bytes((RecoveryStatus.SUCCESS,))
+
+
+@pytest.mark.alone
+def test_an_arm_that_was_let_go_names_the_bound() -> None:
+    """Its bounds are those that no state is inside of."""
+    none = HoldBounds((-9.0,) * 7, (9.0,) * 7, (9.0,) * 7, (-1.0,) * 7, 250.0)
+    with serve("--profile", "harsh", "--slower", str(SLOWER)) as served:
+        pair = open_pair(served.left, served.right)
+        pair.left.set_collisions(replace(CollisionBehaviour(), hold=none))
+        said = ""
+        for _ in range(6):  # until the right box is slow enough
+            try:
+                _hold(pair)
+            except CommandRejected as error:
+                said = str(error)
+                break
+            pair.stop(LEFT, at_rest=True)
+        assert re.search(
+            r"held for 0 ms while the other arm's box .* joint 1 feels .* Nm, allowed -1\) .*" + COMMUNICATION, said
+        )
+        pair.close()
