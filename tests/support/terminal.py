@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-_REPEATED_S = 0.02  # as a held key
+REPEATED_S = 0.02  # as a held key
+_LOOK_S = 0.005
 
 
 def _for_ever(_said: str) -> bool:
@@ -20,7 +21,7 @@ class Terminal:
     def __init__(self) -> None:
         self._ours, self.theirs = pty.openpty()
         self._said: list[str] = []
-        self._ended = threading.Event()
+        self._ended, self._open, self._lock = threading.Event(), True, threading.Lock()
 
     @property
     def said(self) -> str:
@@ -35,14 +36,14 @@ class Terminal:
         with self._confirmed(name, hang_up):
             while not self._ended.is_set() and not until(self.said):
                 self._write(" ")
-                time.sleep(_REPEATED_S)
+                time.sleep(REPEATED_S)
 
     def watch(self, presses: Sequence[tuple[Callable[[str], bool], str]], name: str = "grab") -> None:
         """Confirm with the cell's name, then press each key once its condition (what was said) is met."""
         with self._confirmed(name):
             for due, key in presses:
                 while not self._ended.is_set() and not due(self.said):
-                    time.sleep(_REPEATED_S)
+                    time.sleep(REPEATED_S)
                 self._write(key)
 
     @contextmanager
@@ -51,12 +52,14 @@ class Terminal:
         listener = threading.Thread(target=self._listen, daemon=True)
         listener.start()
         while "and Enter" not in self.said and not self._ended.is_set():
-            time.sleep(_REPEATED_S)
+            time.sleep(REPEATED_S)
         self._write(f"{name}\n")
         yield
         if not hang_up:
             listener.join()
-        os.close(self._ours)
+        with self._lock:
+            self._open = False
+            os.close(self._ours)
 
     def _write(self, text: str) -> None:
         try:
@@ -65,10 +68,20 @@ class Terminal:
             self._ended.set()
 
     def _listen(self) -> None:
+        """Take what is said. It does not wait in a read, which would keep a terminal open that is being closed."""
+        os.set_blocking(self._ours, False)
         while True:
             try:
-                data = os.read(self._ours, 4096)
+                with self._lock:
+                    if not self._open:
+                        break
+                    data = os.read(self._ours, 4096)
+            except BlockingIOError:
+                time.sleep(_LOOK_S)
+                continue
             except OSError:  # the other end is closed
+                break
+            if not data:
                 break
             self._said.append(data.decode(errors="replace"))
         self._ended.set()

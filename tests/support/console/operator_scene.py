@@ -11,6 +11,7 @@ import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -136,6 +137,10 @@ class Witness:
         seen = sorted(seen_ns for seen_ns, _ in self._stops.values())
         return seen[0], seen[-1]
 
+    def first_t_ns(self) -> dict[int, int]:
+        """Return the robot's time of the first stopping tick of each arm that was seen to stop."""
+        return {side: t_ns for side, (_, t_ns) in self._stops.items()}
+
     def last_t_ns(self) -> int:
         """Return the robot's time of the first stopping tick of the arm that was the last. Once both have."""
         return max(t_ns for _, t_ns in self._stops.values())
@@ -146,13 +151,22 @@ class Witness:
         self._thread.join()
 
 
-class OperatorScene:
-    """The stack, and an operator's page in a browser that outlives it. drawn: with the 3D scene in the page."""
+def hold_keys(page: Page) -> None:
+    """Hold the clutch by a key, and lead the left arm by another."""
+    page.keyboard.down(CLUTCH)
+    page.keyboard.down(JOG)
 
-    def __init__(self, browser: Chromium, logs: Path, drawn: bool = True) -> None:
+
+class OperatorScene:
+    """The stack, and an operator's page in a browser that outlives it. drawn: with the 3D scene in the page.
+
+    arms: options of `rtstack up`, none for the simulated cell.
+    """
+
+    def __init__(self, browser: Chromium, logs: Path, drawn: bool = True, arms: Sequence[str] = ()) -> None:
         self.browser = browser
         self._drawn = drawn
-        self.stack = Stack(logs)
+        self.stack = Stack(logs, arms)
         self._page: Page | None = None
         try:
             self.console = self.stack.members["console"]
@@ -177,8 +191,8 @@ class OperatorScene:
         self._page.bring_to_front()
         return self._page
 
-    def take_hold(self) -> None:
-        """Take control, arm, start, hold the clutch, and lead the left arm by a key.
+    def take_hold(self, hold: Callable[[Page], None] = hold_keys) -> None:
+        """Take control, arm, start, hold the clutch, and lead the left arm, by keys or as `hold` does.
 
         Raises SceneFailed where the arms stopped, or did not follow.
         """
@@ -188,8 +202,7 @@ class OperatorScene:
         self.witness.begin()
         self.stack.post("jobs/teleoperation", object="rice_box", stop_on_release=True)
         page.locator("#clutch[data-state=ready]").wait_for()
-        page.keyboard.down(CLUTCH)
-        page.keyboard.down(JOG)
+        hold(page)
         wait(lambda: self.witness.speed_m_s > FOLLOWING_M_S or self.witness.stopped, "the arm does not follow the hand")
         if self.witness.stopped:
             raise SceneFailed(TOO_EARLY)

@@ -114,6 +114,12 @@ class Namespace:
             _set_up(DEVICE, True)
         return other_end
 
+    def alias(self, number: int, address: str) -> None:
+        """Give its loopback device one more address (of a /24), which need not be a loopback address."""
+        with self.inside():
+            _configure(f"lo:{number}", _SIOCSIFADDR, _socket_address(address))
+            _configure(f"lo:{number}", _SIOCSIFNETMASK, _socket_address("255.255.255.0"))
+
     def start(self, *command: str | Path, **options) -> subprocess.Popen:
         """Start a program there."""
         return subprocess.Popen([str(word) for word in command], preexec_fn=self._begin, **options)
