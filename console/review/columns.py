@@ -121,14 +121,9 @@ class ColumnWriter:
 
 def _created(path: Path, dtype: np.dtype, shape: tuple[int, ...]) -> tuple[BinaryIO, int]:
     """Make an .npy file of this shape, empty; return it and where its data begins."""
-    file = open(path, "wb")  # noqa: SIM115 (closed with the writer)
-    np.lib.format.write_array_header_2_0(
-        file, {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-    )
-    file.flush()
-    data = file.tell()
-    file.truncate(data + dtype.itemsize * int(np.prod(shape)))  # sparse: no block is taken before it is written
-    return file, data
+    # sparse: no block is taken before it is written
+    made = np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape, version=(2, 0))
+    return open(path, "r+b"), made.offset
 
 
 def _put(target: tuple[BinaryIO, int], block: NDArray, column: int, width: int) -> None:

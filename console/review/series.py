@@ -43,7 +43,24 @@ class Curves:
 
 def curves(log: LogColumns, signals: Sequence[Signal], window: Window) -> list[Curves]:
     """Return the signals in a window, a sample beyond it on either side, grouped by topic."""
-    return [_topic_curves(log, topic, wanted, window) for topic, wanted in _by_topic(signals).items()]
+    found = []
+    for topic, wanted in _by_topic(signals).items():
+        names, columns = tuple(signal.name for signal in wanted), log.of(topic)
+        if columns is None:
+            found.append(_no_curves(topic, names))
+            continue
+        first, last = _rows(columns.t_ns, log.index.start_ns, window)
+        bucket = 1 << max(0, (last - first) // max(1, window.width)).bit_length()
+        if last - first <= window.width:
+            bucket = 1
+        first -= first % bucket
+        low, high = (
+            np.stack([_reduced(columns, signal.column, first, last, bucket, reduce) for signal in wanted])
+            for reduce in (np.fmin, np.fmax)
+        )
+        t_s = np.asarray((columns.t_ns[first:last:bucket] - log.index.start_ns) * _NS, np.float64)
+        found.append(Curves(topic, names, bucket, t_s, low, high))
+    return found
 
 
 def _by_topic(signals: Sequence[Signal]) -> dict[str, list[Signal]]:
@@ -58,24 +75,6 @@ def _no_curves(topic: str, names: tuple[str, ...]) -> Curves:
     return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
 
 
-def _topic_curves(log: LogColumns, topic: str, signals: list[Signal], window: Window) -> Curves:
-    names = tuple(signal.name for signal in signals)
-    columns = log.of(topic)
-    if columns is None:
-        return _no_curves(topic, names)
-    first, last = _rows(columns.t_ns, log.index.start_ns, window)
-    bucket = 1 << max(0, (last - first) // max(1, window.width)).bit_length()
-    if last - first <= window.width:
-        bucket = 1
-    first -= first % bucket
-    low = np.stack([_reduced(columns, signal.column, first, last, bucket, np.fmin) for signal in signals])
-    high = low if bucket == 1 else np.stack(
-        [_reduced(columns, signal.column, first, last, bucket, np.fmax) for signal in signals]
-    )  # fmt: skip
-    t_s = np.asarray((columns.t_ns[first:last:bucket] - log.index.start_ns) * _NS, np.float64)
-    return Curves(topic, names, bucket, t_s, low, high)
-
-
 def difference_curves(
     own: LogColumns, other: LogColumns, signals: Sequence[Signal], window: Window, offset_s: float
 ) -> list[Curves]:
@@ -83,31 +82,22 @@ def difference_curves(
 
     Between two samples of the other log its signals are on a straight line; outside of it there is no difference.
     """
-    topics = _by_topic(signals).items()
-    return [_topic_difference(own, other, topic, wanted, window, offset_s) for topic, wanted in topics]
-
-
-def _topic_difference(
-    own: LogColumns, other: LogColumns, topic: str, signals: list[Signal], window: Window, offset_s: float
-) -> Curves:
-    names = tuple(signal.name for signal in signals)
-    columns, others = own.of(topic), other.of(topic)
-    if columns is None or others is None:
-        return _no_curves(topic, names)
-    first, last = _rows(columns.t_ns, own.index.start_ns, window)
-    t_s = np.asarray((columns.t_ns[first:last] - own.index.start_ns) * _NS, np.float64)
-    other_s = (others.t_ns - other.index.start_ns) * _NS + offset_s
-    values = np.stack(
-        [
-            np.interp(t_s, other_s, others.values[signal.column], left=np.nan, right=np.nan)
-            - columns.values[signal.column, first:last]
-            for signal in signals
-        ]
-    ).astype(np.float32)
-    bucket = max(1, -(-(last - first) // max(1, window.width)))
-    starts = np.arange(0, last - first, bucket)
-    low, high = np.fmin.reduceat(values, starts, axis=1), np.fmax.reduceat(values, starts, axis=1)
-    return Curves(topic, names, bucket, t_s[::bucket], low, high)
+    found = []
+    for topic, wanted in _by_topic(signals).items():
+        names, columns, others = tuple(signal.name for signal in wanted), own.of(topic), other.of(topic)
+        if columns is None or others is None:
+            found.append(_no_curves(topic, names))
+            continue
+        first, last = _rows(columns.t_ns, own.index.start_ns, window)
+        t_s = np.asarray((columns.t_ns[first:last] - own.index.start_ns) * _NS, np.float64)
+        other_s, places = (others.t_ns - other.index.start_ns) * _NS + offset_s, [signal.column for signal in wanted]
+        theirs = [np.interp(t_s, other_s, others.values[place], left=np.nan, right=np.nan) for place in places]
+        values = (np.stack(theirs) - columns.values[places, first:last]).astype(np.float32)
+        bucket = max(1, -(-(last - first) // max(1, window.width)))
+        starts = np.arange(0, last - first, bucket)
+        low, high = np.fmin.reduceat(values, starts, axis=1), np.fmax.reduceat(values, starts, axis=1)
+        found.append(Curves(topic, names, bucket, t_s[::bucket], low, high))
+    return found
 
 
 def _rows(t_ns: NDArray[np.int64], start_ns: int, window: Window) -> tuple[int, int]:

@@ -1,18 +1,15 @@
 """A policy that leads the arms: an operator gives it a lease; it is asked over a WebSocket, 10 to 50 times a second.
 
-docs/howto/policy.md has the messages. The next observation follows a step after the answer to the last one. While the
-policy has no lease, the console says `waiting`.
-An answer that is missing, late or wrong is no sign of life: the robot process stops the arms when CLUTCH_S
-(rtstack.loop.watchdogs) have passed without one. A connection that closes ends the lease, and the arms hold.
-
-What a policy sees over its socket, and its answers on their way into the mailbox. May be called from any thread.
+docs/howto/policy.md has the messages, and what ends a lease. The next observation follows a step after the answer to
+the last one. An answer that is missing, late or wrong is no sign of life: the robot process stops the arms when
+CLUTCH_S (rtstack.loop.watchdogs) have passed without one.
 """
 
 import asyncio
 import time
 from contextlib import suppress
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -45,7 +42,7 @@ _Steps = Annotated[
 
 
 class PolicyInput:
-    """One connection of a policy."""
+    """One connection of a policy: what it sees, and its answers on their way into the mailbox. For any thread."""
 
     def __init__(self, name: str, parts: Parts) -> None:
         self._name, self._teleop, self._mailbox, self._cell = name, parts.teleop, parts.mailbox, parts.cell
@@ -85,17 +82,25 @@ class PolicyInput:
         )  # fmt: skip
         return self._shown
 
-    def answer(self, number: int, chunk: Chunk) -> str | None:
-        """Take the answer to an observation. Returns in one line why it is not followed, None where it is."""
+    def take(self, text: str) -> str | None:
+        """Take an answer. Returns in one line why it is not followed, None where it is."""
+        try:
+            answer = _ANSWERS.validate_json(text)
+        except ValidationError as error:
+            return problem(error, "answer")
+        if answer.finished:
+            self._teleop.end_lease(self._name)
+            return None
         lease, shown = self._lease, self._shown
-        if shown is None or number != shown.number:
-            return f"it answers observation {number}, and the newest is {self._number}"
+        if shown is None or answer.to != shown.number:
+            return f"it answers observation {answer.to}, and the newest is {self._number}"
         self._shown = None  # one answer each
         if lease is None or lease != self._teleop.lease(self._name):
             return "the lease is over"
-        problem = chunk.problem(len(self._cell.arms))
-        if problem is not None:
-            return problem
+        chunk = answer.chunk()
+        wrong = chunk.problem(len(self._cell.arms))
+        if wrong is not None:
+            return wrong
         record = chunk.record(self._models, self._posture_joint)
         record["job"], record["lease"] = lease
         record["observed_ns"], record["beat_ns"] = shown.t_ns, time.monotonic_ns()
@@ -169,7 +174,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
             began_s = time.monotonic()
             shown = msgspec.to_builtins(observation, enc_hook=np.ndarray.tolist)  # bytes become base64
             await websocket.send_json({"observation": shown, "refused": refused})
-            refused = _take(policy, await websocket.receive_text(), parts.teleop.end_lease, name)
+            refused = policy.take(await websocket.receive_text())
             await asyncio.sleep(max(0.0, 1.0 / rate_hz - (time.monotonic() - began_s)))
     except (WebSocketDisconnect, RuntimeError):
         pass  # the policy has gone
@@ -178,15 +183,3 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         parts.teleop.policy_connected(name, -1)
     with suppress(RuntimeError, WebSocketDisconnect):
         await websocket.close(*SIGNED_OUT)
-
-
-def _take(policy: PolicyInput, text: str, end_lease: Any, name: str) -> str | None:
-    """Take an answer; return why it is not followed."""
-    try:
-        answer = _ANSWERS.validate_json(text)
-    except ValidationError as error:
-        return problem(error, "answer")
-    if answer.finished:
-        end_lease(name)
-        return None
-    return policy.answer(answer.to, answer.chunk())

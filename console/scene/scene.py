@@ -15,7 +15,7 @@ from console.teleoperation.quaternion import product
 from hal.base.arrays import Array
 from hal.limits import DOF
 from rtstack.log.viewers.frames import JointPlacement, joint_placements
-from rtstack.model.cell_description import ArmMounting, CellDescription
+from rtstack.model.cell_description import CellDescription
 
 COLOURS = {"left": (86, 180, 233), "right": (230, 159, 0)}  # #56B4E9, #E69F00, Okabe-Ito: an arm's everywhere
 _TABLE_COLOUR = (92, 98, 106)
@@ -48,14 +48,9 @@ class ArmFigure:
     """One arm and its pad in a scene."""
 
     def __init__(
-        self,
-        scene: viser.SceneApi,
-        side: str,
-        mounting: ArmMounting,
-        cell: CellDescription,
-        full: bool,
-        ghost: Ghost | None = None,
+        self, scene: viser.SceneApi, side: str, cell: CellDescription, full: bool, ghost: Ghost | None = None
     ) -> None:
+        mounting = cell.mountings[side]
         *self._joints, flange = joint_placements(mounting.robot.urdf)
         self._frames: list[viser.FrameHandle] = []
         self._shown = np.full(DOF, np.inf)
@@ -69,30 +64,27 @@ class ArmFigure:
         _add_parts(scene, path, parts(mounting.robot, LINKS[0]), full, ghost)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
-            self._frames.append(
-                scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.orientation_wxyz)
-            )
+            frame = scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.orientation_wxyz)
+            self._frames.append(frame)
             _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
         pad = mounting.pad or cell.pad
         box = pad.F_T_box
         centre = box[:3, 3] + (0.0, 0.0, flange.position[2])
-        wxyz = np.array(pad.orientation_wxyz)
         scene.add_box(
             f"{path}/pad",
             color=colour,
             dimensions=pad.size if ghost is None else grown(pad.size),
             position=centre,
-            wxyz=wxyz,
+            wxyz=np.array(pad.orientation_wxyz),
             opacity=None if ghost is None else ghost.opacity,
             cast_shadow=full,
         )
-        if ghost is not None:
-            add_edges(
-                scene, f"{path}/pad_edges", box_edges(grown(pad.size), np.zeros(3)) @ box[:3, :3].T + centre, colour
-            )
         if ghost is None:
             outwards = 0.24 if side == "left" else -0.24
             scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
+        else:
+            edges = box_edges(grown(pad.size), np.zeros(3)) @ box[:3, :3].T + centre
+            add_edges(scene, f"{path}/pad_edges", edges, colour)
         self.show(np.array(mounting.home))
 
     def show(self, q: Sequence[float] | Array) -> None:
@@ -157,9 +149,7 @@ class CellFigures:
         self._scene = scene
         self._cell = cell
         self._full = full
-        self._arms = {
-            side: ArmFigure(scene, side, mounting, cell, full, ghost) for side, mounting in cell.mountings.items()
-        }
+        self._arms = {side: ArmFigure(scene, side, cell, full, ghost) for side in cell.mountings}
         self._object: viser.BoxHandle | None = None
         self._object_name = ""
         self._object_pose = np.full(7, np.inf)

@@ -158,10 +158,8 @@ class TeleopInput:
                 self._grips.let_go()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
                 self._target["policy"] = self._give(None)
-            self._target["job"] = job.number
             now_ns = self._clock()
-            self._target["clutch_ns"] = now_ns if made_ns is None else min(made_ns, now_ns)
-            self._write()
+            self._write(job=job.number, clutch_ns=now_ns if made_ns is None else min(made_ns, now_ns))
 
     def grip(self, operator: str, made_ns: int | None = None) -> None:
         """Say that a mouse button is down in the scene: while a gizmo is dragged by it, it holds the clutch.
@@ -189,8 +187,7 @@ class TeleopInput:
                 return
             self._by = None
             self._grips.let_go()
-            self._target["clutch_ns"], self._target["release"] = 0, reason
-            self._write()
+            self._write(clutch_ns=0, release=reason)
 
     def finish(self, operator: str) -> None:
         """End the teleoperation or the playback softly. Raises RobotRefused unless the operator is the holder."""
@@ -200,8 +197,7 @@ class TeleopInput:
             if job is None:
                 raise RobotRefused("neither a teleoperation nor a playback runs")
             self._by = self._policy = None
-            self._target["job"], self._target["clutch_ns"], self._target["finish"] = job.number, 0, 1
-            self._write()
+            self._write(job=job.number, clutch_ns=0, finish=1)
 
     def lend(self, operator: str, policy: str | None) -> None:
         """Let a policy lead until the clutch is held, or none any more. Raises RobotRefused with the reason."""
@@ -215,10 +211,8 @@ class TeleopInput:
             self._notice()
             self._by = None
             self._grips.let_go()
-            target = self._target
-            target["job"], target["clutch_ns"], target["finish"], target["release"] = job.number, 0, 0, Release.NOT_YET
-            target["policy"] = self._give(policy)
-            self._write()
+            lease = self._give(policy)
+            self._write(job=job.number, clutch_ns=0, finish=0, release=Release.NOT_YET, policy=lease)
 
     def policy_connected(self, policy: str, by: int = 1) -> None:
         """Note that a policy has one more connection, or with -1 one less."""
@@ -229,8 +223,7 @@ class TeleopInput:
         """End the lease of a policy that has gone or is done: the arms hold. Does nothing where it has none."""
         with self._lock:
             if self._policy == policy:
-                self._target["policy"] = self._give(None)
-                self._write()
+                self._write(policy=self._give(None))
 
     def lease(self, policy: str) -> tuple[int, int] | None:
         """Return the job and the number of the lease that this policy has, None where it has none."""
@@ -364,7 +357,10 @@ class TeleopInput:
                 return TOO_FAR
         return None
 
-    def _write(self) -> None:
+    def _write(self, **fields: int) -> None:
+        """Write the target with what is asked for, and these fields of it anew."""
+        for name, value in fields.items():
+            self._target[name] = value
         if self._asked is not None:
             self._target["pose"][0, self._rows] = self._asked
         self._target["speed"], self._target["stiffness"] = self._speed, self._stiffness

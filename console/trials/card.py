@@ -4,7 +4,7 @@ The numbers are what impact-aware grasping is about: how hard the hit was, what 
 measure), and how far the hit threw the pads off their way.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
@@ -93,30 +93,25 @@ def trial_card(catalogue: Catalogue, log_id: str) -> TrialCard:
     alike = [(each, log_row(each, None)) for each in earlier]
     alike = [(each, its) for each, its in alike if its.object == row.object and its.success is not None][:COMPARED]
     impact = impact_of(entry)
-    known = [(its, impact_of(each)) for each, its in alike]
+    known = [(row, impact), *((its, impact_of(each)) for each, its in alike)]
+    numbers = []
+    for name, unit, about, value in _NUMBERS:
+        now, *found = (value(its, hit) for its, hit in known)
+        before = tuple(each for each in found if each is not None)
+        mean, spread = fmean(before) if before else None, stdev(before) if len(before) > 1 else None
+        numbers.append(Number(name, unit, about, now, before, mean, spread))
     again, refusal = _again(catalogue, entry)
     return TrialCard(
         row=row,
         ending=row.ending,
         what=_what(row),
         sentence=_sentence(row, impact),
-        numbers=tuple(_number(*each, row=row, impact=impact, known=known) for each in _NUMBERS),
-        compared=len(known),
+        numbers=tuple(numbers),
+        compared=len(alike),
         impact=None if impact is None else thinned(impact, _POINTS),
         before=earlier[0].id if earlier else None,
         again=again,
         refusal=refusal,
-    )
-
-
-def _number(
-    name: str, unit: str, about: str, value: _Value,
-    row: LogRow, impact: Impact | None, known: Sequence[tuple[LogRow, Impact | None]],
-) -> Number:  # fmt: skip
-    before = [each for its, hit in known if (each := value(its, hit)) is not None]
-    mean = fmean(before) if before else None
-    return Number(
-        name, unit, about, value(row, impact), tuple(before), mean, stdev(before) if len(before) > 1 else None
     )
 
 
