@@ -2,10 +2,7 @@
 
 [left] and [right]: the arm's `model` and its own `pad`; where a file names one of them, the simulated arm has it and
 begins at the `home`. A file that has one of the two tables describes a cell with this arm alone, and so is the scene.
-[objects.NAME] is what a person weighed and measured: mass, size and, where they are not the scene's, the frictions. For
-an object that the scene does not have the plant takes these, and the walls below. [objects.NAME.plant] is the plant's
-alone: any key of GraspObject, in the place of what the plant would have. An object of the scene stays what the scene
-says.
+docs/howto/cell.md says what the plant takes of [objects.NAME] and [objects.NAME.plant].
 """
 
 from dataclasses import asdict, fields, replace

@@ -1,8 +1,7 @@
 """The ports of the grippers: 1338, version 3, of the Franka Hand; 1339, version 1, of the vacuum gripper.
 
-Where no such gripper is mounted Connect is refused; libfranka raises "Protocol error during connection attempt".
-A closed port would have it say that the Control Interface is not installed, and a connection that ends in silence would
-leave it waiting for ever. So a connection that is ended here is reset: libfranka raises a NetworkException at once.
+Where no such gripper is mounted Connect is refused, and a connection that is ended here is reset: what libfranka makes
+of either, and why, is in docs/reference/compatibility.md.
 
 Source: libfranka-common, research_interface/gripper and research_interface/vacuum_gripper. Not published, and chosen
 here: that several clients may be connected, and ten states a second.

@@ -19,7 +19,7 @@ class FaultyLink(Link):
     """A link that loses states, distorts them, or hangs up."""
 
     def __init__(self, *arguments, injection: Injection, side: int, **callbacks) -> None:
-        self._injection, self._side, self._wanted = injection, side, True
+        self._injection, self._side, self.wanted = injection, side, True
         super().__init__(*arguments, **callbacks)
         self._sent = np.zeros(1, ROBOT_STATE)
         self._sent_bytes = self._sent.view(np.uint8).data
@@ -38,12 +38,8 @@ class FaultyLink(Link):
 
     def listen(self, wanted: bool) -> None:
         """As without faults; but while the script has the arm's FCI off, each connection is refused."""
-        self._wanted = wanted
+        self.wanted = wanted
         super().listen(wanted and not self._injection.off(self._side))
-
-    def follow(self) -> None:
-        """Do what the script says of the arm's FCI now."""
-        self.listen(self._wanted)
 
     def hang_up(self) -> None:
         """Close the client's connection."""
@@ -101,7 +97,7 @@ class FaultyArmServer(ArmServer):
             if ticks == self._shown_tick and not any(box.mode == RobotMode.MOVE for box in self._cell.boxes):
                 self._injection.pass_still_millisecond()
             self._shown_tick = ticks
-        self.link.follow()
+        self.link.listen(self.link.wanted)  # as the script has the arm's FCI now
         super().show()
 
 

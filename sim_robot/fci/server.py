@@ -1,8 +1,7 @@
 """The arms of one plant behind their links, ticked by a pace: in real time or in lockstep.
 
-What a box's Desk lets its FCI do: with FCI off it refuses every connection, with locked brakes every motion.
-
-libfranka calls the first "Connection to FCI refused", the second "command not possible in the current mode (Other)".
+What a box's Desk lets its FCI do is in docs/reference/simulated_robot.md. libfranka says "Connection to FCI refused"
+where it is off, and "command not possible in the current mode (Other)" where the brakes are locked.
 """
 
 import contextlib
