@@ -53,6 +53,8 @@ class LeRobot(FrameFormat):
 
     def join(self, episodes: Sequence[Path], whole: Path) -> None:
         """See Format. Every episode is a row group of a data file."""
+        import pyarrow.parquet as pq
+
         (whole / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
         tasks: dict[str, int] = {}
         rows: list[dict[str, Any]] = []
@@ -62,7 +64,9 @@ class LeRobot(FrameFormat):
         files = _DataFiles(whole)
         begin = 0
         for number, path in enumerate(episodes):
-            table, said = _piece(path)
+            table = pq.read_table(path)
+            said = json.loads(table.schema.metadata[b"rtstack"])
+            table = table.replace_schema_metadata(None)
             if number and said["features"] != features:
                 other = json.loads(said["labels"]["source"])["file"]
                 raise LogError(f"{other}: its topics or arms are not those of the first log: export it by itself")
@@ -179,14 +183,6 @@ def plain(table: Any, name: str) -> NDArray:
         count, flat = len(flat), flat.flatten()
         shape.append(len(flat) // count)
     return flat.to_numpy(zero_copy_only=False).reshape(shape if len(shape) > 1 else (-1, 1))
-
-
-def _piece(path: Path) -> tuple[Any, dict[str, Any]]:
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path)
-    said = json.loads(table.schema.metadata[b"rtstack"])
-    return table.replace_schema_metadata(None), said
 
 
 def _statistics(values: NDArray) -> dict[str, list[Any]]:

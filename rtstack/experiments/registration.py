@@ -61,15 +61,12 @@ Judge = Callable[[Any, Any], Finding]  # (evaluation, at) -> finding
 def check_claims(path: Path, claims: Iterable[PlannedClaim], judges: Mapping[str, Judge]) -> None:
     """Raise ConfigurationError for a claim of a plan that no judge knows."""
     for index, claim in enumerate(claims):
+        key = f"{path}: key claims.{index}"
         if claim.judge not in judges:
             known = ", ".join(sorted(judges))
-            raise ConfigurationError(
-                f"{path}: key claims.{index}.judge: unknown {claim.judge!r}: choose one of {known}"
-            )
+            raise ConfigurationError(f"{key}.judge: unknown {claim.judge!r}: choose one of {known}")
         if not claim.says and not claim.mark:
-            raise ConfigurationError(
-                f"{path}: key claims.{index}: give says (the paper's claim), mark (our own) or both"
-            )
+            raise ConfigurationError(f"{key}: give says (the paper's claim), mark (our own) or both")
 
 
 def judged(claims: Iterable[PlannedClaim], judges: Mapping[str, Judge], evaluation: Any) -> list[Claim]:

@@ -194,11 +194,9 @@ def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
     theirs = {name: about.get(name, value) for name, value in mine.items()}
     if theirs != mine:
         quick = " --quick" * (theirs["quick"] == "true")
-        what = (
-            f"{theirs['name']}{quick}"
-            if theirs["digest"] == mine["digest"] or theirs["name"] != mine["name"]
-            else (f"{theirs['name']}{quick} with other parameters (digest {theirs['digest']}, now {mine['digest']})")
-        )
+        what = f"{theirs['name']}{quick}"
+        if theirs["digest"] != mine["digest"] and theirs["name"] == mine["name"]:
+            what += f" with other parameters (digest {theirs['digest']}, now {mine['digest']})"
         raise TrialError(f"{out} has another campaign, {what}: choose another folder")
     if columns and columns != set(stored(experiment.columns)):
         raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")

@@ -226,8 +226,7 @@ def recording_of(
                 progress((arm + k / n) / len(arms))
         measured["q"][arm], measured["dq"][arm] = q, dq
         joint = controller.parameters.posture_joint
-        points[arm]["xi"] = q[:, joint]
-        points[arm]["dxi"] = dq[:, joint]
+        points[arm]["xi"], points[arm]["dxi"] = q[:, joint], dq[:, joint]
         points[arm]["wrench_ff"] = _on_grid(controls[arm], "wrench_desired", grid_ns)
         points[arm]["beta"] = _on_grid(controls[arm], "beta", grid_ns)
     whole, n = points if patient else None, kept.stop - kept.start

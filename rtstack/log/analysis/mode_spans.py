@@ -7,8 +7,6 @@ import numpy as np
 from rtstack.log.reader import Log
 from rtstack.samples import Mode
 
-_NS = 1e-9
-
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -24,7 +22,7 @@ def mode_spans(log: Log) -> list[Span]:
     control = log.topic(f"/{log.sides[0]}/control")
     if not len(control):
         return []
-    t_s, mode = (control["t_ns"] - log.start_ns) * _NS, control["mode"]
+    t_s, mode = (control["t_ns"] - log.start_ns) * 1e-9, control["mode"]
     edges = [0, *(np.flatnonzero(np.diff(mode)) + 1).tolist()]
     ends = [*edges[1:], len(mode) - 1]
     return [

@@ -51,7 +51,10 @@ class TopicDecoder:
         records = np.zeros(len(t_ns), self._record)
         rest = np.ones(len(t_ns), np.bool_)
         if self._learns and len(t_ns):
-            self._wire, self._learns = self._learnt(data[start[0] : start[0] + size[0]]), False
+            # of another version's messages, of which the first one tells the format
+            message, descriptor = self._parsed(data[start[0] : start[0] + size[0]]), self._message.DESCRIPTOR
+            counts = {each.name: len(getattr(message, each.name)) for each in descriptor.fields if each.is_repeated}
+            self._wire, self._learns = wire_format_of(self._ours, descriptor, counts), False
         if self._wire is not None:
             records, rest = self._decode_templates(self._wire, records, data, start, size)
         fill = self._fill_sample if self._ours.is_ours else STANDARD[self._ours.schema].fill
@@ -65,12 +68,6 @@ class TopicDecoder:
             return self._message.FromString(data)
         except Exception as error:
             raise LogError(f"a message of {self._topic} is broken: {error}") from error
-
-    def _learnt(self, data: bytes) -> WireFormat | None:
-        """The format of another version's messages, of which this is one."""
-        message, descriptor = self._parsed(data), self._message.DESCRIPTOR
-        counts = {field.name: len(getattr(message, field.name)) for field in descriptor.fields if field.is_repeated}
-        return wire_format_of(self._ours, descriptor, counts)
 
     def _decode_templates(
         self, wire: WireFormat, records: NDArray[Any], data: bytes, start: NDArray[np.int64], size: NDArray[np.int64]

@@ -17,12 +17,9 @@ Messages = dict[str, list[tuple[int, bytes]]]
 
 def scenery_schemas() -> dict[str, foxglove.Schema]:
     """Return the schema of every topic that is made from the records."""
-    return {
-        TRANSFORMS: FrameTransforms.get_schema(),
-        SOLIDS: SceneUpdate.get_schema(),
-        FORCES: SceneUpdate.get_schema(),
-        FORCE_LINES: PointCloud.get_schema(),
-    } | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
+    kinds = {TRANSFORMS: FrameTransforms, SOLIDS: SceneUpdate, FORCES: SceneUpdate, FORCE_LINES: PointCloud}
+    known = {topic: kind.get_schema() for topic, kind in kinds.items()}
+    return known | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
 
 
 class Scenery:
@@ -47,9 +44,6 @@ class Scenery:
         voxels = voxel_messages(self._voxels, first_ns)
         self._voxels = []
         arrows, lines = force_messages(self._cell, instants)
-        return {
-            SOLIDS: self._solids.updates(instants),
-            TRANSFORMS: self._tree.transforms(instants),
-            FORCES: arrows,
-            FORCE_LINES: lines,
-        } | {topic: [(first_ns, message)] for topic, message in voxels.items()}
+        made = {SOLIDS: self._solids.updates(instants), TRANSFORMS: self._tree.transforms(instants)}
+        made |= {FORCES: arrows, FORCE_LINES: lines}
+        return made | {topic: [(first_ns, message)] for topic, message in voxels.items()}

@@ -11,17 +11,7 @@ from rtstack.experiments.experiment import Row
 from rtstack.experiments.registration import Finding, Judge, PlannedClaim, judged
 from rtstack.experiments.statistics import Interval, plain_mean, proportion
 from rtstack.papers.reference_spreading.controllers import NAMES, Controller
-from rtstack.papers.reference_spreading.evaluation import (
-    BASELINES,
-    FIGURE11,
-    TABLE2,
-    Evaluation,
-    Value,
-    every,
-    place_of,
-    succeeded,
-    went_on,
-)
+from rtstack.papers.reference_spreading.evaluation import FIGURE11, TABLE2, Evaluation, Value, every, place_of, went_on
 
 NO_RS, NO_VELOCITY, NO_INTERIM, PROPOSED = (
     Controller.NO_REFERENCE_SPREADING, Controller.NO_VELOCITY_FEEDBACK, Controller.NO_INTERIM, Controller.PROPOSED,
@@ -108,9 +98,8 @@ def _lift_order(evaluation: Evaluation, at: str) -> Finding:
         NO_VELOCITY: (NO_RS, NO_INTERIM, PROPOSED), NO_INTERIM: (PROPOSED, NO_RS), PROPOSED: (NO_RS,),
     }[Controller(at)]  # fmt: skip
     pairs = _against(Controller(at), above)
-    verdict, words = _lower(
-        evaluation, pairs, "max_lift_mm", unit=" mm", digits=2, counted=succeeded, experiment=TABLE2
-    )
+    how = {"unit": " mm", "digits": 2, "experiment": TABLE2, "success": True}  # as the paper does for the lift
+    verdict, words = _lower(evaluation, pairs, "max_lift_mm", counted=every, **how)
     lift = {line.controller: line.lift_mm for line in evaluation.table2()}
     return Finding(f"{_each(lift.get, ' mm', 2)}. Pairs in which both succeeded: {words}", verdict)
 
@@ -229,7 +218,7 @@ JUDGES: dict[str, Judge] = {
     "lowest_force_norm": lambda evaluation, at: _force_at(evaluation, at, _against(PROPOSED)),
     "high_at_zero": lambda evaluation, at: _force_at(evaluation, at, _BOTH),
     "fewest_grabs": lambda evaluation, _at: _grabs(evaluation, _against(NO_VELOCITY)),
-    "most_grabs": lambda evaluation, _at: _grabs(evaluation, [(other, PROPOSED) for other in BASELINES]),
+    "most_grabs": lambda evaluation, _at: _grabs(evaluation, [(c, PROPOSED) for c in NAMES if c is not PROPOSED]),
     "lift_order": _lift_order,
     "dropped": _dropped,
     "limit_violations": _limit_violations,

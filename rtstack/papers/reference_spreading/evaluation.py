@@ -38,7 +38,6 @@ PAPER_TABLE2 = {
     Controller.NO_INTERIM: (85.0, 0.78),
     Controller.PROPOSED: (90.0, 6.47),
 }
-BASELINES = tuple(controller for controller in PAPER_TABLE2 if controller is not Controller.PROPOSED)
 
 
 class Evaluation:
@@ -143,11 +142,6 @@ def went_on(row: Row) -> bool:
 def every(row: Row) -> bool:
     """Count each trial."""
     return True
-
-
-def succeeded(row: Row) -> bool:
-    """Count successful trials, as the paper does for the lift."""
-    return row["success"]
 
 
 def _gather(into: list[float], row: Row, value: str | Value) -> None:
