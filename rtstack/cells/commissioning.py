@@ -100,7 +100,7 @@ def steps(description: CellDescription) -> tuple[Step, ...]:
             Step(f"wiggle {side}", "it is this arm", (fact,), f"rtstack wiggle {side} --cell {kind}")
             for side, fact in zip(arms, box, strict=True)
         ),
-        Step("guide", "led by hand", every, f"rtstack guide --cell {kind}"),
+        Step("guide", "led by hand", (*box, *firmware, "software"), f"rtstack guide --cell {kind}"),
         Step("calibrate", "measured", (*pad, *base), f"rtstack calibrate POINTS.toml --cell {kind} --write"),
         Step("motion", "each pad moves by 50 mm, and meets nothing", whole, by_log("motion")),
         Step("foam", "each pad presses on foam with 10 to 65 N", whole, by_log("foam")),

@@ -143,4 +143,10 @@ def carry_out(run: PreparedRun[R], host: Host) -> R:
         way = None if run.shadow else run.start_motion(cell)
         with host.accompany(run, cell) as context:
             _count_down(run, context, host.announce)
-            return run.run(cell, replace(context, log=host.log(run, cell)), way)
+            log = host.log(run, cell)
+            try:
+                return run.run(cell, replace(context, log=log), way)
+            except BaseException:  # before its first tick: a run that has begun finishes its log itself
+                if log is not None:
+                    log.abandon()
+                raise

@@ -7,9 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import Cell
+from hal.state import ArmState
 from rtstack.control.parameters import DetectorParameters
+from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.references.demonstration import end_effector_pose
+from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
+from rtstack.trials.tightening import limits_of_arms
 
 LOOKS = 50  # states: 50 ms
 # of the largest tare: what is left is for how much the offset changes on the way from here to the object
@@ -29,6 +34,33 @@ def resting_force(cell: Cell, description: CellDescription) -> NDArray[np.float6
     ])  # fmt: skip
 
 
+def torque_offset(state: ArmState, model: ArmModel) -> tuple[NDArray[np.float64], str]:
+    """Return by how much the measured torques of an arm at rest differ from what its model weighs, (7,) Nm, and the
+    largest in words."""
+    end_effector_pose(model, state.q)  # and with it g
+    off = np.abs(state.tau_J - model.g)
+    joint = int(off.argmax())
+    if np.abs(state.tau_J).max() < 0.5 * off[joint]:
+        return off, f"tau_J leaves gravity out, {off[joint]:.1f} Nm at joint {joint + 1}"
+    return off, f"tau_J is {off[joint]:.1f} Nm from the arm's weight at joint {joint + 1}"
+
+
+def check_torques(cell: Cell, description: CellDescription) -> None:
+    """Raise TrialError for an arm at rest whose torques the judge would stop in the first tick. HardwareError from the
+    arms."""
+    arms = zip(cell.sides, cell.arms, description.arms, description.pads, limits_of_arms(description), strict=True)
+    for side, arm, mounting, pad, limits in arms:
+        off, said = torque_offset(arm.read(), ArmModel(mounting, pad))
+        allowed = limits.tau_ext_by_phase[ForcePhase.APPROACH]
+        if np.any(off > allowed):
+            raise TrialError(
+                f"the {side} arm's {said}: the momentum residual begins with as much, and the judge, which allows "
+                f"{allowed[off.argmax()]:g} Nm there, would stop each motion in its first tick. Correct the tool "
+                "(Desk, [pad]); for a simulated robot that leaves gravity out, widen tau_ext_approach_max and "
+                "tau_ext_contact_max in [safety]"
+            )
+
+
 def check_estimate(cell: Cell, description: CellDescription, detector: DetectorParameters, detects: bool = True) -> str:
     """Look at the arms of an open cell, at rest, before a motion: return in one line what is to be known, "" for
     nothing.
@@ -39,6 +71,7 @@ def check_estimate(cell: Cell, description: CellDescription, detector: DetectorP
     """
     if cell.link is None:
         return ""
+    check_torques(cell, description)
     said = []
     largest = REST_SHARE * detector.largest_tare_n
     for side, force in zip(cell.sides, resting_force(cell, description), strict=True):

@@ -98,7 +98,7 @@ class TrialLog(RunLog):
     ) -> None:
         super().__init__(path, cameras)
         self.rings = rings
-        self._trouble, self._hangs = "", False
+        self._trouble, self._hangs, self._gone = "", False, False
         self._process = process
         self._lockstep = lockstep
 
@@ -150,13 +150,16 @@ class TrialLog(RunLog):
         return None
 
     def abandon(self) -> None:
-        """Finish the file without a result, when something worse has happened. Never raises."""
+        """Finish the file without a result, when something worse has happened. Never raises, may be called twice."""
+        if self._gone:
+            return
         if self.cameras is not None:
             self.cameras.finish()
         self._process.abandon()
         self._let_go()
 
     def _let_go(self) -> None:
+        self._gone = True
         if self.cameras is not None:
             self.cameras.close()
         self.rings.close()
