@@ -15,6 +15,7 @@ from rtstack.check.finding import Finding, finding
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting
 from rtstack.references.demonstration import end_effector_pose
+from rtstack.trials.estimate import torque_offset
 
 GRAVITY = 9.81  # m/s^2
 # Ours, above what two calibrated arms differ by: kinematics by a millimetre, gravity torques by 1 Nm
@@ -24,6 +25,7 @@ TORQUE_NM = 5.0
 # of the mean external torque of a held arm: as much is an offset of some 2 N at the pad, or 0.2 kg not told to it
 RESTING_NM = 1.0
 _TOOL = "set the tool in Desk as the cell's file has it ([pad])"
+_WIDER = "; a robot that leaves gravity out moves only with a wider tau_ext_approach_max in [safety]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,13 @@ def missing_payload(model: ArmModel, q: Array, tau_ext: Array) -> tuple[float, f
     return mass, float(np.abs(tau_ext - mass * weight).max())
 
 
+def torques_finding(side: str, state: ArmState, mounting: ArmMounting, pad: Pad) -> Finding:
+    """Judge the measured torques of an arm that rests."""
+    off, said = torque_offset(state, ArmModel(mounting, pad))
+    cost = "the momentum residual begins with as much: that much less is left to the judge's bound"
+    return finding(f"{side} torques", said, bool(off.max() <= TORQUE_NM), cost, _TOOL + _WIDER)
+
+
 def resting_findings(side: str, state: ArmState, felt: Felt, mounting: ArmMounting, pad: Pad) -> list[Finding]:
     """Judge the state of an arm that rests and that nothing touches, and what it has felt while it was held."""
     model = ArmModel(mounting, pad)
@@ -53,10 +62,6 @@ def resting_findings(side: str, state: ArmState, felt: Felt, mounting: ArmMounti
     said = model.T_world_base @ state.O_T_EE
     place_m = float(np.linalg.norm(said[:3, 3] - position))
     turn_rad = float(np.arccos(np.clip((np.trace(rotation.T @ said[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))
-    off = np.abs(state.tau_J - model.g)
-    joint = int(off.argmax())
-    without = bool(off[joint] > TORQUE_NM and np.abs(state.tau_J).max() < 0.5 * off[joint])
-    torques = "leaves gravity out" if without else f"is {off[joint]:.1f} Nm from the arm's weight at joint {joint + 1}"
     outside = np.abs(felt.tau_ext)
     blind = not felt.O_F_ext.any()
     pairs = ", ".join(f"{mean:.2f}+-{sd:.2f}" for mean, sd in zip(felt.tau_ext, felt.tau_ext_sd, strict=True))
@@ -71,10 +76,7 @@ def resting_findings(side: str, state: ArmState, felt: Felt, mounting: ArmMounti
             place_m <= PLACE_M and turn_rad <= TURN_RAD,
             "logs and scores show the pad where the robot says; the controller takes it where q puts it", _TOOL,
         ),
-        finding(
-            f"{side} torques", f"tau_J {torques}", bool(off[joint] <= TORQUE_NM),
-            "the momentum residual begins with as much: that much less is left to the judge's bound", _TOOL,
-        ),
+        torques_finding(side, state, mounting, pad),
         finding(
             f"{side} estimate", estimate + ", O_F_ext_hat_K is zero" * blind,
             bool(outside.max() <= RESTING_NM and not blind),

@@ -13,7 +13,7 @@ from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.commissioning import sign as sign_step
 from rtstack.cells.metal import box_states
-from rtstack.check.arm import Felt, resting_findings
+from rtstack.check.arm import Felt, resting_findings, torques_finding
 from rtstack.check.finding import Finding, finding
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
@@ -75,7 +75,7 @@ def link_findings(
     except TrialError as error:
         return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
     except HardwareError as error:
-        return [Finding("link", "broken", "fail", str(error), "no motion")]
+        return [_ended(error)]
 
 
 def _record(logs: Path) -> Path:
@@ -89,28 +89,38 @@ def held_findings(
 ) -> list[Finding]:
     """Judge an open cell and what its arms say while they are held; the arms are stopped then.
 
-    record: see bench_link. Raises HardwareError when the link breaks.
+    record: see bench_link. Where the link breaks, what is wrong with the torques of arms at rest is found all the same.
     """
+    arms, mountings = cell.arms, description.arms
+    resting: list[Finding] = []
     try:
+        for side, arm, mounting in zip(cell.sides, arms, mountings, strict=True) if cell.link is not None else ():
+            resting.append(torques_finding(side, arm.read(), mounting, description.pad))
         figures = bench_link(cell, ticks, description, stop, record)
-    except HoldEnded as error:
-        return [Finding("hold", str(error), "fail", "hold the key until it is over", "nothing was judged")]
-    except ArmMoved as error:
-        cost = "the arm falls, or rises, as soon as torque control starts"
-        return [Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)]
+    except HardwareError as error:
+        return [*(each for each in resting if each.verdict != "pass"), _ended(error)]
     value = f"within {max(figures.hold_rad):.4f} rad and {max(figures.hold_rad_s):.3f} rad/s"
     value += f", with {max(figures.hold_nm):.1f} Nm at most"
     cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
     found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL)]
     found.append(_link(figures, cell.sides))
     found += [_late(figures.lateness)] if figures.lateness is not None else []
-    arms, mountings = cell.arms, description.arms
     for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
         felt = Felt(
             *(np.array(rows[k]) for rows in (figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean))
         )
         found += resting_findings(cell.sides[k], arm.read(), felt, mounting, description.pad)
     return found
+
+
+def _ended(error: HardwareError) -> Finding:
+    """Return why the arms were not held to the end."""
+    if isinstance(error, HoldEnded):
+        return Finding("hold", str(error), "fail", "hold the key until it is over", "nothing was judged")
+    if isinstance(error, ArmMoved):
+        cost = "the arm falls, or rises, as soon as torque control starts"
+        return Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)
+    return Finding("link", "broken", "fail", str(error), "no motion")
 
 
 def _late(lateness: Lateness) -> Finding:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hal.cell import Cell
+from hal.errors import CommandRejected
 from rtstack.bench.hold import GOOD_RAD, STILL_RAD, STILL_RAD_S, ArmMoved
 from rtstack.bench.link import bench_link
 from rtstack.cli.link import held_findings
@@ -150,3 +151,22 @@ class Stop:
 def test_a_key_that_is_let_go_ends_the_hold(cell: CellDescription) -> None:
     (finding,) = held_findings(cell_with(0.005, 0), TICKS, cell, Stop())
     assert (finding.verdict, "before its time" in finding.value) == ("fail", True)
+
+
+class _Broken:
+    """A link that breaks as soon as the arms are started."""
+
+    def start(self) -> None:
+        raise CommandRejected("communication_constraints_violation")
+
+    def stop(self, first: int = 1, *, at_rest: bool = False) -> None:
+        """Do nothing."""
+
+
+def test_torques_without_gravity_are_named_where_the_link_breaks(cell: CellDescription) -> None:
+    plant = simulated_cell(NO_OBJECT, 0.0, 0)
+    plant.sensors.sense = lambda: None  # type: ignore[method-assign]
+    plant.states["tau_J"][0] = 0.0
+    torques, link = held_findings(replace(plant.as_cell("direct"), link=_Broken()), TICKS, cell)
+    assert (torques.name, torques.verdict, link.value) == ("left torques", "warn", "broken")
+    assert re.fullmatch(r"tau_J leaves gravity out, 2\d\.\d Nm at joint 2", torques.value)

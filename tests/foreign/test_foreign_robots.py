@@ -71,7 +71,7 @@ def cell_file(robot: ForeignRobot, tmp_path_factory: pytest.TempPathFactory) -> 
     forces += "force_approach_max = 250.0\nforce_contact_max = 250.0\n"
     text = text.replace("power_max = 100.0\n", f"power_max = 100.0\n{forces}")
     if robot.name == "franky-sim":
-        text = text.replace("mass = 0.35", "mass = 0.73")
+        text = text.replace("mass = 0.35", "mass = 0.73\ncentre = [-0.01, 0.0, 0.03]")
     path = tmp_path_factory.mktemp("cell") / "foreign.toml"
     path.write_text(text.replace("127.0.0.1:1341", f"{robot.left}:1341"))
     return path

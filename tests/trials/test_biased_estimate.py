@@ -158,3 +158,24 @@ def test_by_the_papers_law_the_same_bias_is_a_missed_impact(trial):
     assert re.search(
         "pushes harder|residual|external torque|measured torque|left torque control", result.failure_reason
     )
+
+
+@pytest.mark.parametrize("share", [1.0, 0.0])
+def test_no_motion_begins_with_torques_that_the_judge_would_stop(cell, share):
+    """Of another author's robot: its tau_J at rest is zero. Its judge's stop came in the first tick, and named joint 2
+    alone."""
+    plant = showing(0.3)
+    plant.states["tau_J"] *= share
+    run = PreparedMotion(SweepSpecification("rice_box", 1, 0), cell, None, cell_parameters(cell), 0)
+    if share == 1.0:
+        assert run.look(with_link(plant)) == ""
+        return
+    said = (
+        r"the left arm's tau_J leaves gravity out, 2\d\.\d Nm at joint 2: .* allows 20 Nm there.*tau_ext_approach_max"
+    )
+    with pytest.raises(TrialError, match=said) as refused:
+        run.look(with_link(plant))
+    assert "\n" not in str(refused.value)
+    wide = {"tau_ext_approach_max": [60.0] * 7, "tau_ext_contact_max": [60.0] * 7}
+    widened = replace(cell, safety=cell.safety | wide)
+    assert PreparedMotion(run.specification, widened, None, run.parameters, 0).look(with_link(plant)) == ""
