@@ -18,7 +18,7 @@ def test_a_robot_that_was_told_a_wrong_hand_fails_the_check(cell: CellDescriptio
     described = replace(cell, pad=replace(cell.pad, mass=2.5, centre=(-0.01, 0.0, 0.03)))
     with served("franky-sim", tmp_path, addresses(), "2.5") as robot:
         found = {finding.name: finding for finding in link_findings(robot.kind, described, TICKS)}
-    # its own limits differ from the description's, which is said too, as what it measures does from what it should weigh
+    # its own limits differ from the description's, which is said too, as its torques do from the described weight
     assert found.keys() - {"limits"} == {"hold", "left torques", "right torques"}
     assert found["hold"].verdict == "fail"
     assert "stopped by its judge: joint 2: the estimated external torque is too large" in found["hold"].value
