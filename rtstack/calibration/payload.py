@@ -37,9 +37,7 @@ def payload(model: pin.Model, told: tuple[float, Array], q: Array, tau_ext: Arra
     # of a mass and of its first moments along the axes of the last joint; those of the flange are turned against them
     to_joint = np.zeros((4, 4))
     to_joint[0, 0], to_joint[1:, 0], to_joint[1:, 1:] = 1.0, flange.translation, flange.rotation
-    regressors = [
-        pin.computeJointTorqueRegressor(model, data, row, still, still)[:, -10:-6] @ to_joint for row in q
-    ]  # fmt: skip
+    regressors = [pin.computeJointTorqueRegressor(model, data, row, still, still)[:, -10:-6] @ to_joint for row in q]
     X = np.vstack([np.hstack([Y, np.eye(7)]) for Y in regressors])
     y = tau_ext.ravel()
     if np.linalg.cond(X) > 1e4:

@@ -28,9 +28,7 @@ def mean_table(title: str, rows: Sequence[Row], by: Sequence[str], columns: Mapp
     return Table(title, headings, lines, numbers_from=len(by))
 
 
-def mean_figure(
-    file: str, caption: str, rows: Sequence[Row], x: str, series: str, column: str, label: str
-) -> Figure:  # fmt: skip
+def mean_figure(file: str, caption: str, rows: Sequence[Row], x: str, series: str, column: str, label: str) -> Figure:
     """Return a figure of the mean of `column`, with 95 % intervals, over the values of `x`, a line for each of
     `series`.
     """

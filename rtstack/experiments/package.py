@@ -21,9 +21,7 @@ UNITS = {
     "m": "m", "mm": "mm", "m_s": "m/s", "s": "s", "ms": "ms", "us": "us", "n": "N", "nm": "Nm", "ns": "Ns",
     "n_m": "N/m", "deg": "degree", "rad": "rad", "us_p50": "us", "us_p99": "us",
 }  # fmt: skip
-_WORDS = {
-    RESULTS: "a line a case", TIMES: "what the host made of each case", ATTEMPTS: "a line an attempt on the arms",
-}  # fmt: skip
+_WORDS = {RESULTS: "a line a case", TIMES: "what the host made of each case", ATTEMPTS: "a line an attempt on the arms"}
 
 
 def pack(folder: Path, progress: Callable[[float], None] | None = None) -> Path:

@@ -46,9 +46,7 @@ def estimate_delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cuto
     return found
 
 
-def _delay(
-    model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float
-) -> tuple[Estimate, float]:  # fmt: skip
+def _delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float) -> tuple[Estimate, float]:
     """Return the delay, and the sum of squares that is left."""
     left, shown, blocks = [], [], []
     for number, log in enumerate(logs):

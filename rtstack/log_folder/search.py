@@ -97,9 +97,7 @@ class SortKey(StrEnum):
     STAR = "starred"
 
 
-def search(
-    pairs: Sequence[tuple[LogEntry, LogRow]], query: str, outcome: Outcome
-) -> list[LogRow]:  # fmt: skip
+def search(pairs: Sequence[tuple[LogEntry, LogRow]], query: str, outcome: Outcome) -> list[LogRow]:
     """Return the rows of the logs that are looked for. Raises FilterRefused, also for a number that no log has."""
     words, ranges = parsed(query)
     known = [(row, _known(entry, row) if query.strip() else []) for entry, row in pairs]

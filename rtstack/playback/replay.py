@@ -190,18 +190,14 @@ def _description(log: Log, folder: Path) -> CellDescription:
         raise TrialError(f"{log.path}: its controller's law_inertia is {name}; this version has {names}") from None
 
 
-def _trial(
-    log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
-) -> None:  # fmt: skip
+def _trial(log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path) -> None:
     reference = folder / "reference.mcap"
     reference.write_bytes(followed_file(log, asked.reference)[1])
     specification = replace(asked, reference=str(reference), law_inertia=None)  # the law is in the description
     run_trial(replace(prepare_trial(specification, description), specification=specification), cell, context)
 
 
-def _by_hand(
-    log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path
-) -> None:  # fmt: skip
+def _by_hand(log: Log, asked: Any, description: CellDescription, cell: Cell, context: RunContext, folder: Path) -> None:
     parameters = cell_parameters(description)
     control = parameters.control
     source = LoggedSource(log_columns(log))

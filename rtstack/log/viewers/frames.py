@@ -142,9 +142,7 @@ class _Track:
     def transforms(self, stamps: list[Timestamp]) -> list[FrameTransform]:
         """Return the frame at each of the times."""
         n = len(stamps)
-        positions, quaternions = (
-            np.broadcast_to(a, (n, a.shape[-1])).tolist() for a in (self.position, self.wxyz)
-        )  # fmt: skip
+        positions, quaternions = (np.broadcast_to(a, (n, a.shape[-1])).tolist() for a in (self.position, self.wxyz))
         return [
             FrameTransform(
                 timestamp=stamp, parent_frame_id=self.parent, child_frame_id=self.child,

@@ -65,9 +65,7 @@ class Solids:
         ]  # fmt: skip
 
 
-def force_messages(
-    cell: CellFrames, instants: Instants
-) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:  # fmt: skip
+def force_messages(cell: CellFrames, instants: Instants) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
     """Return the forces by which the pads push their environment, for each of the instants: arrows, (t_ns, SceneUpdate)
     each, and lines of points, (t_ns, PointCloud) each."""
     n = len(instants.t_ns)

@@ -132,11 +132,8 @@ def camera_schemas(name: str, video: bool = False) -> dict[str, foxglove.Schema]
 
 def picture_message(name: str, t_ns: int, picture: bytes, video: bool = False) -> bytes:
     """Return the message of a camera's picture, JPEG, or a part of H.264 where it is video."""
-    if video:
-        return fox.CompressedVideo(
-            timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="h264"
-        ).encode()
-    return fox.CompressedImage(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="jpeg").encode()
+    kind, form = (fox.CompressedVideo, "h264") if video else (fox.CompressedImage, "jpeg")
+    return kind(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format=form).encode()
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,9 +89,7 @@ class Evaluation:
                 groups[row["reference"]].append(row[name])
         return stratified_mean(groups)
 
-    def mean(
-        self, controller: Controller, value: str | Value, *, counted: Counted | None = None
-    ) -> Interval | None:  # fmt: skip
+    def mean(self, controller: Controller, value: str | Value, *, counted: Counted | None = None) -> Interval | None:
         """Return the mean over references of a column, or of a function of a row, with its t interval: what other
         references would give. counted: which trials; by default those that `went_on`.
         """

@@ -232,9 +232,7 @@ class Plan:
         known = [trial for each in self.experiments for trial in self.trials(each, self.chosen(each, rows, unrecorded))]
         return [trial for trial in known if trial.reference not in unrecorded]
 
-    def chosen(
-        self, experiment: Experiment, rows: Sequence[Row], unrecorded: Collection[str] = ()
-    ) -> list[Reference]:  # fmt: skip
+    def chosen(self, experiment: Experiment, rows: Sequence[Row], unrecorded: Collection[str] = ()) -> list[Reference]:
         """Return the references selected for an experiment: those that succeeded most often in the one before.
 
         None as long as that one has trials without a result. The paper's controllers count, all where none of them

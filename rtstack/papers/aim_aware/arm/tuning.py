@@ -79,9 +79,7 @@ def tune(path: Path) -> ArmTuned:
     return ArmTuned(digest, factor, _seven(quiet), rates, mirrored, learned, found, separations, left_out)
 
 
-def separated(
-    study: ArmStudy, needs: dict[str, dict[Case, Need]], mirrored: bool
-) -> tuple[dict[str, Found], int]:  # fmt: skip
+def separated(study: ArmStudy, needs: dict[str, dict[Case, Need]], mirrored: bool) -> tuple[dict[str, Found], int]:
     """Return the tunings for the paper's bands, plain or mirrored (none if one does not exist), and the number of
     wanted hits that were left out."""
     found, lost = {}, 0

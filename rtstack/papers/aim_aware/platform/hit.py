@@ -94,9 +94,7 @@ class HitController(CellController):
         (arm,) = self.arms
         monitor = Monitor(monitoring)
         monitor.expect(round(plan.t_d_s * 1e9), plan.q_d)
-        self._watch = bound(
-            watch, monitor.state, monitor.parameters, plan.dq_post, arm.sample, arm.control, later=(0,)
-        )  # fmt: skip
+        self._watch = bound(watch, monitor.state, monitor.parameters, plan.dq_post, arm.sample, arm.control, later=(0,))
 
     def watch(self, side: int, elapsed_ns: int) -> None:
         """Take the monitor's impact in the place of the force detector's; see CellController."""
