@@ -131,7 +131,7 @@ class Jobs:
         while not clutch.held:
             gone = any(watchdog.trip() for watchdog in self._watchdogs)
             if gone or self._mailbox.stop_requested or time.monotonic() > due_s:
-                raise TrialError("the clutch was not held (C on Operate, a gamepad, a phone): nothing has moved")
+                raise TrialError("the clutch was not held (C on the page, a gamepad, a phone): nothing has moved")
             time.sleep(_LOOK_S)
         return clutch
 

@@ -299,7 +299,7 @@ def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_h
         job = robot.finished()
         assert (job.state, job.reason) == (
             JobState.FAILED,
-            "the clutch was not held (C on Operate, a gamepad, a phone): nothing has moved",
+            "the clutch was not held (C on the page, a gamepad, a phone): nothing has moved",
         )
 
         robot.job_manager.order(RunRequest(GuideSpecification(), "anna"))

@@ -1,6 +1,7 @@
 // What every page has: theme, keys, live state, STOP, the top bar and the strip of events. Returns the live state.
 
 import { startBar } from "./bar.js";
+import { startClutch } from "./clutch.js";
 import { startEvents } from "./events.js";
 import { startLabels } from "./labels.js";
 import { Live } from "./live.js";
@@ -16,5 +17,6 @@ export function startFrame() {
   startStop(live);
   startBar(live);
   startEvents(live);
+  startClutch(live);
   return live;
 }

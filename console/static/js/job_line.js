@@ -20,7 +20,7 @@ export function sentence(job, fault) {
   switch (job.state) {
     case "starting": return [`${what} is being prepared.`, ""];
     case "running":
-      if (REAL && job.kind !== "teleoperation" && !job.title.endsWith(", shadow")) return [`${what}: hold C on Operate, or another clutch. Let it go, and ${TWO ? "both arms stop" : "the arm stops"}.`, ""];
+      if (REAL && job.kind !== "teleoperation" && !job.title.endsWith(", shadow")) return [`${what}: hold C, or another clutch. Let it go, and ${TWO ? "both arms stop" : "the arm stops"}.`, ""];
       return [`${what} runs.`, ""];
     case "stopping": return [`${what} is being stopped.`, ""];
     case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
