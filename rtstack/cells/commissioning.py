@@ -32,8 +32,13 @@ CAP: dict[str, Any] = {"ee_speed_max": SPEED_M_S} | {
 # then, until a first grab: a demonstration opens its hands at 0.57 m/s
 DEMONSTRATION_CAP: dict[str, Any] = {"ee_speed_max": 0.6, "force_max": CONTACT_FORCE_N}
 _START_RAD_S = 0.2
-_FAST = "its joints turn at up to 1 rad/s"
-_HITS = {"trial": "", "demonstration": "", "place": "", "hit": "", "identification": _FAST}
+# kinds of run that wait, each with what it does
+_AFTER_A_GRAB = {
+    "trial": "a trial hits its object",
+    "hit": "the pad hits the platform",
+    "identification": "its joints turn at up to 1 rad/s",
+}
+_GRABS = {"demonstration": "a demonstration hits its object", "place": "the pads take an object"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,12 +218,10 @@ class Commissioning:
         unsafe = [each.step.name for each in self.states if each.step.name[:4] in ("hold", "wigg") and not _sound(each)]
         if unsafe:
             refused["guide"] = f"no hand on an arm before {unsafe[0]} is signed: the cell is {line}"
-        if state.step.name == "object":
-            cap = DEMONSTRATION_CAP
-            refused["trial"] = f"no trial before a first grab is signed: the cell is {line}"
-        else:
-            cap = CAP
-            refused |= {verb: f"not yet{': ' * bool(why)}{why}: the cell is {line}" for verb, why in _HITS.items()}
+        last = state.step.name == "object"
+        cap = DEMONSTRATION_CAP if last else CAP
+        for verb, why in (_AFTER_A_GRAB if last else _AFTER_A_GRAB | _GRABS).items():
+            refused[verb] = f"not yet: {why}: the cell is {line}"
         own = FORCES_BY_PHASE | description.safety
         tighter = {key: np.minimum(own.get(key, most), most).tolist() for key, most in cap.items()}
         slow = replace(description.start_motion, speed_rad_s=min(_START_RAD_S, description.start_motion.speed_rad_s))
