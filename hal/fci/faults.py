@@ -8,9 +8,11 @@ import pylibfranka as franka
 from hal.errors import CommandRejected, ConnectionLost, HardwareError
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import NEEDS_PERSON
+from hal.wire import VERSION
 
 # pylibfranka's exceptions have no base class of their own but RuntimeError; ValueError is what it says of NaN and Inf
 VENDOR = (franka.FrankaException, RuntimeError, ValueError)
+_INCOMPATIBLE = "Incompatible library version"  # pylibfranka has no class of its own for it
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -33,6 +35,9 @@ def as_hardware_error(error: Exception, arm: str) -> HardwareError:
         return CommandRejected(f"{arm} left torque control: {text}; {remedy}", names)
     if isinstance(error, franka.CommandException | franka.InvalidOperationException | ValueError):
         return CommandRejected(f"{arm} refused: {text.rstrip('.!')}" + _remedy(text), names)
+    if text.startswith(_INCOMPATIBLE):
+        text = f"{text.partition('. Please')[0]}: rtstack needs {VERSION}, of a Franka Research 3 with system 5.9 or "
+        text += "newer: update it on Desk; for older boxes and Pandas see docs/howto/protocol.md"
     if isinstance(error, franka.RealtimeException):
         text += " Run `rtstack host-setup --kernel rt`; for commissioning: enforce_realtime = false in the cell's file"
     return HardwareError(f"{arm}: {text}")
