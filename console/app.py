@@ -25,12 +25,14 @@ from console.routes import (  # isort: skip
 from console.routes.description import describe, operation_id
 from console.routes.problems import problems
 from console.templates import error_page, is_page
+from hal.base.configuration import ConfigurationError
 from rtstack.access.tokens import NoSuchToken, TokensError
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
 from rtstack.log_folder.log_rows import NoReference
 from rtstack.log_folder.search import FilterRefused
 from rtstack.references.acceptance import AcceptanceError
+from rtstack.trials.errors import TrialError
 
 _ROUTES = (
     pages, description, access, live, control, jobs, queue, trials, campaigns, logs, layouts, retention,
@@ -107,7 +109,7 @@ def _refused(request: Request, error: Exception) -> Response:
 
 _STATUSES: dict[type[Exception], int] = {
     NoSuchToken: 404,
-    RobotRefused: 409, NoReference: 409, TokensError: 409,
+    RobotRefused: 409, NoReference: 409, TokensError: 409, ConfigurationError: 409, TrialError: 409,
     FilterRefused: 422,
     LogError: 500, AcceptanceError: 500,
     RobotUnreachable: 503,

@@ -17,7 +17,6 @@ import numpy as np
 from console.live.watch import Watch
 from console.questions.questions import Question, Questions
 from console.refused import Refused
-from hal.base.configuration import ConfigurationError
 from rtstack.calibration.points import Point, load_points, save_points, write
 from rtstack.cells import default_cell_file
 from rtstack.loop.standstill import REST_DQ
@@ -61,7 +60,7 @@ class CalibrationView:
 
 
 class CellCalibration:
-    """The points of one cell. May be used from any thread."""
+    """The points of one cell. May be used from any thread. Raises Refused, ConfigurationError."""
 
     def __init__(self, file: Path, folder: Path, questions: Questions, watch: Watch) -> None:
         """file: the cell's; folder: of the logs."""
@@ -70,8 +69,8 @@ class CellCalibration:
         self._lock = threading.Lock()
 
     def view(self) -> CalibrationView:
-        """Return how things are; asks for a fit where there is none of these points. Raises Refused."""
-        cell = self._read(lambda: load_cell_description(self._file))
+        """Return how things are; asks for a fit where there is none of these points."""
+        cell = load_cell_description(self._file)
         points, now = self._points(), cell.calibration
         answer, why, question = {}, None, self._fit(points, self._watch.sides)
         if question is not None and question.done():
@@ -82,11 +81,10 @@ class CellCalibration:
                 why = str(error)
         wrong = answer.get("wrong_mm", {})
         off = answer.get("residuals_mm", {}) | wrong
+        written = (None, None, None) if now is None else (now.date.isoformat(), now.rms_mm, now.uncertainty_mm)
         return CalibrationView(
             str(self._file),
-            None if now is None else now.date.isoformat(),
-            None if now is None else now.rms_mm,
-            None if now is None else now.uncertainty_mm,
+            *written,
             tuple(
                 PointView(name, p.what, p.side, p.asked, p.measured(self._watch.sides), off.get(name), name in wrong)
                 for name, p in points.items()
@@ -98,7 +96,7 @@ class CellCalibration:
         )
 
     def put(self, name: str, point: Point) -> None:
-        """Add a point that is to be measured. Raises Refused."""
+        """Add a point that is to be measured."""
         with self._lock:
             points = self._points()
             if name in points:
@@ -108,10 +106,9 @@ class CellCalibration:
             self._save({**points, name: point})
 
     def remove(self, name: str) -> None:
-        """Forget a point. Raises Refused."""
+        """Forget a point."""
         with self._lock:
-            points = self._points()
-            _check_known(name, points)
+            points = self._points_with(name)
             del points[name]
             if points:
                 self._save(points)
@@ -119,22 +116,18 @@ class CellCalibration:
                 self._path.unlink()
 
     def take(self, name: str) -> None:
-        """Measure a point as the arms stand now: the mean of some states. Raises Refused."""
-        _check_known(name, self._points())
+        """Measure a point as the arms stand now: the mean of some states."""
+        self._points_with(name)
         q, tau = self._states()
         with self._lock:
-            points = self._points()
-            _check_known(name, points)
+            points = self._points_with(name)
             self._save({**points, name: points[name].taken(q, tau, self._watch.sides)})
 
     def write(self) -> None:
-        """Write what was found into the cell's file. Raises Refused."""
+        """Write what was found into the cell's file."""
         if self._file.resolve() == default_cell_file().resolve():
-            raise Refused(
-                409,
-                "this is the example's cell, whose file is not changed: start the stack with --cell-file and one of "
-                "your own",
-            )
+            what = "this is the example's cell, whose file is not changed"
+            raise Refused(409, f"{what}: start the stack with --cell-file and one of your own")
         question = self._fit(self._points(), self._watch.sides)
         if question is None:
             raise Refused(409, "no point was measured yet")
@@ -144,7 +137,7 @@ class CellCalibration:
         values = {tuple(key.split(".")): value for key, value in answer["values"].items()}
         values["calibration", "date"] = datetime.date.fromisoformat(values["calibration", "date"])
         with self._lock:
-            self._read(lambda: write(self._file, values))
+            write(self._file, values)
 
     def _fit(self, points: dict[str, Point], sides: Sequence[str]) -> Question | None:
         measured = any(point.measured(sides) for point in points.values())
@@ -152,17 +145,16 @@ class CellCalibration:
         return self._questions.ask("calibration", self._path, today) if measured else None
 
     def _points(self) -> dict[str, Point]:
-        return self._read(lambda: load_points(self._path)) if self._path.exists() else {}
+        return load_points(self._path) if self._path.exists() else {}
+
+    def _points_with(self, name: str) -> dict[str, Point]:
+        points = self._points()
+        if name not in points:
+            raise Refused(404, "there is no point of this name")
+        return points
 
     def _save(self, points: dict[str, Point]) -> None:
-        self._read(lambda: save_points(self._path, points))
-
-    @staticmethod
-    def _read(act: Any) -> Any:
-        try:
-            return act()
-        except ConfigurationError as error:
-            raise Refused(409, str(error)) from None
+        save_points(self._path, points)
 
     def _states(self) -> tuple[np.ndarray, np.ndarray]:
         """Return joints and external torques of the arms at rest, (arms, 7) each, rad and Nm."""
@@ -182,8 +174,3 @@ class CellCalibration:
             raise Refused(409, "the arms move: let them come to rest, then take the point")
         mean = [[own[name].mean(axis=0) for own in states] for name in ("q", "tau_ext_hat_filtered")]
         return np.array(mean[0]), np.array(mean[1])
-
-
-def _check_known(name: str, points: dict[str, Point]) -> None:
-    if name not in points:
-        raise Refused(404, "there is no point of this name")

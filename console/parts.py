@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request
-from fastapi.exceptions import HTTPException
 from fastapi.requests import HTTPConnection
 
 from console.address import Address
@@ -36,7 +35,6 @@ from rtstack.log.ring import Rings
 from rtstack.log_folder.catalogue import Catalogue
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.cell_description import CellDescription
-from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_two_arms
 
 Closed = TypeVar("Closed", bound=Any)  # something with a method `close`
@@ -147,13 +145,10 @@ def check_objects(parts: Parts, field: str, *names: str) -> None:
 
 
 def takes_two_arms(what: str) -> Any:
-    """Return a route's dependency that refuses `what` in a cell with one arm, with status 409 and one line."""
+    """Return a route's dependency that raises TrialError for `what` in a cell with one arm."""
 
     def check(request: Request) -> None:
-        try:
-            check_two_arms(parts_of(request).cell, what)
-        except TrialError as error:
-            raise HTTPException(409, str(error)) from None
+        check_two_arms(parts_of(request).cell, what)
 
     return Depends(check)
 

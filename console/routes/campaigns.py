@@ -159,10 +159,7 @@ def keep(order: PlanOrder, parts: NeedsParts) -> PlanView:
         "objects": tuple(dict.fromkeys(order.objects)),
         "displacements_mm": tuple(numbers("displacements_mm", order.displacements_mm, MOST_SHIFT_MM)),
     }
-    try:
-        path = keep_plan(order.name, kind.composed(values), lambda path: kind.read(path, quick=False))
-    except ConfigurationError as error:
-        raise HTTPException(409, str(error)) from None
+    path = keep_plan(order.name, kind.composed(values), lambda path: kind.read(path, quick=False))
     return _read(order.name, path, own=True)
 
 
