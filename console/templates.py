@@ -68,17 +68,11 @@ def _variable(name: str) -> str:
 def show(template: str, page: str, request: Request, parts: Parts, **more: object) -> HTMLResponse:
     """Render a page for who is signed in. page: its name in the rail; more: what this template alone needs."""
     session: UserSession = request.state.session
-    return HTMLResponse(
-        TEMPLATES.get_template(template).render(
-            csrf=session.csrf,
-            scope=session.scope,
-            page=page,
-            cell=parts.cell,
-            profile=parts.profile,
-            two_arms=len(parts.cell.arms) == 2,
-            **more,
-        )
+    cell = {"cell": parts.cell, "profile": parts.profile, "two_arms": len(parts.cell.arms) == 2}
+    rendered = TEMPLATES.get_template(template).render(
+        page=page, csrf=session.csrf, scope=session.scope, **cell, **more
     )
+    return HTMLResponse(rendered)
 
 
 def sign_in_page(address: Address, stopper: UserSession | None, *, refused: bool = False) -> HTMLResponse:

@@ -95,15 +95,9 @@ class QueueView:
 
 _VARIED = ("object", "controller", "displacement_mm", "displacement_x_mm", "yaw_deg", "seed")
 # what all trials of a sweep have in common: every other field of a trial
-_Common: Any = make_dataclass(
-    "_Common",
-    [
-        (each.name, each.type, field(default=each.default))
-        for each in fields(TrialOrder)
-        if each.name not in _VARIED and each.default is not MISSING
-    ],
-    kw_only=True, frozen=True, slots=True,
-)  # fmt: skip
+_SHARED = [each for each in fields(TrialOrder) if each.name not in _VARIED and each.default is not MISSING]
+_KEPT = [(each.name, each.type, field(default=each.default)) for each in _SHARED]
+_Common: Any = make_dataclass("_Common", _KEPT, kw_only=True, frozen=True, slots=True)
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)

@@ -95,13 +95,8 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) ->
             append((*batch.records.items(), *deriving.add(batch.records)))
             for side in sides:
                 modes[side].add(batch.records.get(CONTROL_TOPICS[SIDES.index(side)], np.zeros(0)))
-            index = replace(
-                index,
-                rows=_rows(topics, writers),
-                share=batch.share,
-                events=sorted(events, key=lambda mark: mark.t_s),
-                modes={side: modes[side].spans for side in sides},
-            )
+            marks, spans = sorted(events, key=lambda mark: mark.t_s), {side: modes[side].spans for side in sides}
+            index = replace(index, rows=_rows(topics, writers), share=batch.share, events=marks, modes=spans)
             index.write(folder)
             if number == 0:
                 begun()

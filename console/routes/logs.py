@@ -27,6 +27,7 @@ from rtstack.trials.specification import like
 router = APIRouter(prefix="/api/logs", tags=["logs"], responses=problems(500))
 
 _OF_A_LOG = problems(404, 409)
+_BYTES = "application/octet-stream"
 
 Seconds = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Names = Annotated[str, Query(max_length=8192)]
@@ -146,7 +147,7 @@ def events(log_id: str, parts: NeedsParts, level: LevelName = "DEBUG") -> list[M
     return [mark for mark in marks if Level[mark.level] >= Level[level]]
 
 
-@router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | file_of("application/octet-stream"))
+@router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | file_of(_BYTES))
 def series(
     log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, width: Width = 1000,
     other: Other = "", offset: Seconds = 0.0,
@@ -167,7 +168,7 @@ def series(
         found = difference_curves(read, _log(parts, other), wanted, window, offset)
     else:
         found = curves(read, wanted, window)
-    return Response(packed(found), media_type="application/octet-stream")
+    return Response(packed(found), media_type=_BYTES)
 
 
 @router.get("/{log_id}/values", responses=_OF_A_LOG)
@@ -197,11 +198,7 @@ def csv(
     )
 
 
-@router.get(
-    "/{log_id}/figure",
-    response_class=Response,
-    responses=_OF_A_LOG | file_of("application/pdf", "image/svg+xml", "image/png"),
-)
+@router.get("/{log_id}/figure", response_class=Response, responses=_OF_A_LOG | file_of(*MEDIA_TYPES.values()))
 def figure(
     log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds,
     form: Literal["pdf", "svg", "png"] = "pdf",
@@ -261,10 +258,8 @@ def picture(log_id: str, camera: str, t: Seconds, parts: NeedsParts) -> Response
     return Response(data, media_type="image/jpeg", headers={"cache-control": "private, max-age=3600"})
 
 
-@router.get(
-    "/{log_id}/download", response_class=FileResponse, responses=_OF_A_LOG | file_of("application/octet-stream")
-)
+@router.get("/{log_id}/download", response_class=FileResponse, responses=_OF_A_LOG | file_of(_BYTES))
 def download(log_id: str, parts: NeedsParts) -> FileResponse:
     """Send the file of a log."""
     path = reviewed.listed(parts.catalogue, log_id).path
-    return FileResponse(path, media_type="application/octet-stream", filename=path.name)
+    return FileResponse(path, media_type=_BYTES, filename=path.name)

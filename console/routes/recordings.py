@@ -1,7 +1,7 @@
 """Recordings: what can be extracted from one, what a person thinks of it, and throwing it away."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Query
@@ -27,6 +27,7 @@ router = APIRouter(prefix="/api/recordings", tags=["recordings"], responses=prob
 
 Seconds = Annotated[float, Query(ge=0.0, le=3600.0, allow_inf_nan=False)]
 _EXTRACTION = TypeAdapter(Extraction)
+_NOT_YET: dict[int | str, dict[str, Any]] = {202: {"description": "it is being read: ask again"}}
 WIDTH, HEIGHT = 160, 36  # px
 _LEAST_N = 5.0  # of the height: noise does not fill the picture
 
@@ -116,11 +117,7 @@ def _extraction(parts: Parts, entry: LogEntry, acceptance: Acceptance) -> Questi
     return parts.questions.ask("extraction", entry.path, said)
 
 
-@router.get(
-    "/{log_id}/thumbnail",
-    response_class=Response,
-    responses=file_of("image/svg+xml") | {202: {"description": "it is being read: ask again"}},
-)
+@router.get("/{log_id}/thumbnail", response_class=Response, responses=file_of("image/svg+xml") | _NOT_YET)
 def thumbnail(log_id: str, parts: NeedsParts) -> Response:
     """Draw the force on the pads over a recording, small: left blue, right orange."""
     read = opened(parts.catalogue, parts.review_cache, recording_entry(parts, log_id).id)

@@ -48,13 +48,10 @@ class _Kind(msgspec.Struct):
     type: str
 
 
-_decoder = msgspec.msgpack.Decoder(_Kind)
-
-
 def lets_through(message: bytes, holder: bool) -> bool:
     """Whether a message of viser's client may pass; holder: whether its session has control. Others may not."""
     try:
-        kind = _decoder.decode(message).type
+        kind = msgspec.msgpack.decode(message, type=_Kind).type
     except msgspec.MsgspecError:
         return False
     return kind in _FOR_EVERYBODY or (holder and kind in _FOR_THE_HOLDER)

@@ -172,9 +172,8 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     motions = (message.pose, message.hands, message.lead, message.deflection)
     if not (message.clutch or message.grip or any(motion is not None for motion in motions)):
         return
-    pose, hands, deflection = (
-        _of_arms(parts, said) for said in (message.pose, message.hands, message.deflection)
-    )  # refused before anything else is done with it
+    given = message.pose, message.hands, message.deflection
+    pose, hands, deflection = (_of_arms(parts, said) for said in given)  # refused before anything else is done with it
     admission = teleop.admit(operator, message.stamp, came_ns)
     if not admission.alive:
         return

@@ -16,7 +16,7 @@ import io
 import secrets
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from http import HTTPStatus
 from typing import Any
@@ -56,13 +56,9 @@ class Packing:
     def _pack(self, window: Sequence[Message]) -> bytes:
         buffers: list[memoryview] = []
         messages = tuple(message.as_serializable_dict(buffers) for message in window)
-        inner = msgspec.msgpack.encode(
-            {
-                "messages": messages,
-                "timestampSec": time.perf_counter(),
-                "binaryBufferLengths": tuple(buffer.nbytes for buffer in buffers),
-            }
-        )
+        sizes = tuple(buffer.nbytes for buffer in buffers)
+        content = {"messages": messages, "timestampSec": time.perf_counter(), "binaryBufferLengths": sizes}
+        inner = msgspec.msgpack.encode(content)
         compressed = self._compressor.compress(inner)
         lengths = (len(inner).to_bytes(8, "little"), len(compressed).to_bytes(8, "little"))
         parts: list[bytes | memoryview] = [*lengths, compressed]
@@ -115,12 +111,7 @@ def _guarded(secret: str) -> Iterator[None]:
     """While it lasts, a WebSocket server that is made refuses every request without the secret."""
     serve = websockets.asyncio.server.serve
 
-    def guarded_serve(
-        handler: Callable[[ServerConnection], Awaitable[None]],
-        *arguments: Any,
-        process_request: ProcessRequest | None = None,
-        **options: Any,
-    ) -> Any:
+    def guarded_serve(handler: Any, *arguments: Any, process_request: ProcessRequest | None = None, **more: Any) -> Any:
         def check(connection: ServerConnection, request: Request) -> Response | None:
             brought = request.headers.get(SECRET_HEADER, "")
             if not hmac.compare_digest(brought.encode(), secret.encode()):
@@ -131,7 +122,7 @@ def _guarded(secret: str) -> Iterator[None]:
             VIEW.set("" if connection.request is None else connection.request.headers.get(VIEW_HEADER, ""))
             await handler(connection)
 
-        return serve(named, *arguments, process_request=check, **options)
+        return serve(named, *arguments, process_request=check, **more)
 
     websockets.asyncio.server.serve = guarded_serve  # type: ignore[misc,assignment]
     try:

@@ -3,8 +3,9 @@
 from enum import StrEnum
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from console.teleoperation.quaternion import product, rotated
+from console.teleoperation.quaternion import product
 from hal.base.arrays import Array
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # the plane between the arms is y = 0
@@ -31,9 +32,9 @@ def led(poses: Array, side: int, shift: Array, turn: Array, coupling: Coupling) 
             _move(moved[side], shift, turn)
             _move(moved[1 - side], _MIRROR * shift, turn * np.array([1.0, -1.0, 1.0, -1.0]))
         case Coupling.LINKED:
-            centre = poses[:, :3].mean(axis=0)
+            centre, rotation = poses[:, :3].mean(axis=0), Rotation.from_quat(turn, scalar_first=True)
             for pose in moved:
-                pose[:3] = centre + rotated(turn, pose[:3] - centre) + shift
+                pose[:3] = centre + rotation.apply(pose[:3] - centre) + shift
                 pose[3:] = product(turn, pose[3:])
     moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
     return moved

@@ -7,14 +7,9 @@ from trimesh.transformations import quaternion_multiply as product
 
 from hal.base.arrays import Array
 
-__all__ = ["angle_between", "conjugate", "product", "quaternion", "rotated", "rotation_vector", "squared"]
+__all__ = ["angle_between", "conjugate", "product", "quaternion", "rotation_vector", "squared"]
 
 _SQUARE = Rotation.create_group("O")  # all turns after which axes are along axes
-
-
-def rotated(q: Array, v: Array) -> Array:
-    """Return the vector v (3,) turned by q."""
-    return np.asarray(v + 2.0 * np.cross(q[1:], np.cross(q[1:], v) + q[0] * v), np.float64)
 
 
 def quaternion(turn: Array) -> Array:
