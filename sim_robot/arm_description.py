@@ -78,13 +78,8 @@ def _link(element: ElementTree.Element) -> Link:
         for c in element.findall("collision")
         if (shape := c.find("geometry/cylinder")) is not None  # the spheres are the ends of these cylinders
     )
-    return Link(
-        name=element.attrib["name"],
-        mass=float(_required(inertial, "mass").attrib["value"]),
-        centre=pose[:3, 3],
-        inertia=pose[:3, :3] @ tensor @ pose[:3, :3].T,
-        capsules=capsules,
-    )
+    mass, inertia = float(_required(inertial, "mass").attrib["value"]), pose[:3, :3] @ tensor @ pose[:3, :3].T
+    return Link(element.attrib["name"], mass, pose[:3, 3], inertia, capsules)
 
 
 @lru_cache(maxsize=32)  # an arm with a URDF of its own is a model of its own

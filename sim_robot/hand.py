@@ -150,8 +150,6 @@ class Hand:
         """Return the force that pushes each finger open, N."""
         data, plant = self._plant.data, self._plant
         forces = [0.0, 0.0]
-        if data.ncon == 0:
-            return 0.0, 0.0
         axis = data.xmat[self._hand_body].reshape(3, 3) @ FINGER_AXIS
         pairs = data.contact.geom
         for finger, geom in enumerate(self._geoms):

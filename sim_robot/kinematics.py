@@ -110,9 +110,8 @@ def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
     J, JJ, L, F = kinematics.J, kinematics.JJ, kinematics.factor, kinematics.wrench
     F[:] = 0.0
     gram(J, JJ)
-    if not cholesky(JJ, -smallest_singular_value * smallest_singular_value, L):
-        return
-    if not cholesky(JJ, damping * damping, L):
+    smallest = smallest_singular_value * smallest_singular_value
+    if not cholesky(JJ, -smallest, L) or not cholesky(JJ, damping * damping, L):
         return
     for i in range(6):
         for j in range(JOINTS):

@@ -88,13 +88,10 @@ class Plant:
         self.robots = tuple(own_model(place.robot, profile.arm, own) for place in scene.arms)
         twins = profile.twins(scene.sides)
         self.estimate_errors = tuple(draw_estimate_error(profile.force, own, twin) for twin in twins)
-        arms = tuple(
-            as_twin(
-                with_own_friction(draw_arm(arm_description(model), parameters.of(model), generator), profile.arm, own),
-                twin,
-            )
-            for model, twin in zip(self.robots, twins, strict=True)
-        )
+        arms: list[DrawnArm] = []
+        for model, twin in zip(self.robots, twins, strict=True):
+            drawn = draw_arm(arm_description(model), parameters.of(model), generator)
+            arms.append(as_twin(with_own_friction(drawn, profile.arm, own), twin))
         stiffness = tuple(twin.contact_stiffness for twin in twins)
         self.model = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms), stiffness)
         self.data = mujoco.MjData(self.model)

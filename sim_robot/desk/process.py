@@ -46,7 +46,7 @@ class DeskProcess:
         descriptor, self.flags = shared_flags(len(addresses))
         # standard input ends with this process, however it ends
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sim_robot.desk", str(descriptor), str(PORT), repr(self_test_due_s),
+            [sys.executable, "-m", "sim_robot.desk.server", str(descriptor), str(PORT), repr(self_test_due_s),
              *(f"{side}={address}" for side, address in addresses.items())],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=(descriptor,), start_new_session=True,
         )  # fmt: skip

@@ -1,4 +1,9 @@
-"""HTTPS in front of a DeskBox: paths, sign-in and codes. One thread a connection; nothing here is in real time."""
+"""HTTPS in front of a DeskBox: paths, sign-in and codes. One thread a connection; nothing here is in real time.
+
+python -m sim_robot.desk.server FLAGS_DESCRIPTOR PORT SELF_TEST_DUE_S SIDE=ADDRESS...    in the order of the flags
+
+It is started by the process that serves the boxes' FCI (sim_robot.desk.process), and ended with it.
+"""
 
 import base64
 import datetime
@@ -6,7 +11,9 @@ import hashlib
 import json
 import secrets
 import ssl
+import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from ipaddress import ip_address
@@ -19,6 +26,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.x509.oid import NameOID
 
 from sim_robot.desk.box import DeskBox, Refused
+from sim_robot.desk.process import flags_at
 
 USER, PASSWORD = "franka", "simulated"
 VERSION = "5.9.2"  # the first line of three; the others are digests
@@ -197,3 +205,25 @@ class DeskServer(ThreadingHTTPServer):
         if isinstance(request, ssl.SSLSocket):
             request.do_handshake()
         super().finish_request(request, client_address)
+
+
+def main() -> int:
+    """Serve until standard input ends. Returns 2 where it cannot listen."""
+    descriptor, port, self_test_due_s, *boxes = sys.argv[1:]
+    flags = flags_at(int(descriptor))
+    for number, named in enumerate(boxes):
+        side, _, address = named.partition("=")
+        box = DeskBox(flags[number], f"simulated-{side}", float(self_test_due_s))
+        try:
+            server = DeskServer(address, int(port), box)
+        except OSError as error:
+            print(f"Desk cannot listen at {address}:{port}: {error.strerror}", flush=True)
+            return 2
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+    print("serving", flush=True)
+    sys.stdin.read()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

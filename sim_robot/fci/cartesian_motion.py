@@ -4,7 +4,6 @@ import numpy as np
 
 from hal.compilation import compiled
 from hal.robot_errors import error_bit
-from sim_robot.arm_description import JOINTS
 from sim_robot.fci.joint_motion import DT, SPARE, START, START_NOISE, TOLERATED, beyond, judge_joints, start_of
 from sim_robot.fci.pose_step import inverse_step, norm, step_between, turn
 from sim_robot.fci.protocol import Generator
@@ -103,21 +102,16 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
     q_start, elbow_start = motion.q_d.copy(), motion.elbow_c[0]
     mask = 0
     if kind == CARTESIAN_POSITION:
-        for r in range(4):
-            for c in range(4):
-                T[r, c] = command.O_T_EE_c[4 * c + r]
+        T[:] = command.O_T_EE_c.reshape(4, 4).T  # column-major
         if _invalid_frame(T):
             return CMG_FRAME
         mask |= _step_to(T, motion, body, setting, q_measured, twist, q_start)
-        for i in range(6):
-            twist[i] /= DT
+        twist /= DT
     else:
         twist[:], T[:] = command.O_dP_EE_c, motion.O_T_EE_d
         turn(T, twist, DT)
-    rate, jump = np.empty(6), np.empty(6)
-    for i in range(6):
-        rate[i] = (twist[i] - motion.O_dP_EE_c[i]) / DT
-        jump[i] = (rate[i] - motion.O_ddP_EE_c[i]) / DT
+    rate = (twist - motion.O_dP_EE_c) / DT
+    jump = (rate - motion.O_ddP_EE_c) / DT
     mask |= _judge_twist(twist, rate, jump, setting.cartesian_limits)
     with_elbow, elbow = command.valid_elbow != 0, command.elbow_c[0]
     delbow, ddelbow = 0.0, 0.0
@@ -129,15 +123,14 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
         mask |= _judge_elbow(motion, command, setting, elbow_start, delbow, ddelbow)
     if mask != 0:
         return mask
-    q, dq, ddq, dddq = q_start.copy(), np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
+    q = q_start.copy()
     for _ in range(3):
         inverse_step(body, setting, T, elbow, with_elbow, q)
     if motion.first != 0 and kind == CARTESIAN_POSITION and norm(twist, 0) == 0.0 and norm(twist, 3) == 0.0:
         q_start[:] = q  # at rest where it is commanded, not a step from where it was read
-    for j in range(JOINTS):
-        dq[j] = (q[j] - q_start[j]) / DT
-        ddq[j] = (dq[j] - motion.dq_d[j]) / DT
-        dddq[j] = (ddq[j] - motion.ddq_d[j]) / DT
+    dq = (q - q_start) / DT
+    ddq = (dq - motion.dq_d) / DT
+    dddq = (ddq - motion.ddq_d) / DT
     mask |= judge_joints(q, dq, ddq, dddq, setting.joint_limits, _JOINT_ERRORS)
     if mask == 0:
         motion.first, motion.with_elbow = 0, with_elbow

@@ -43,8 +43,7 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
         J[0, j] += ay * lever[2] - az * lever[1]
         J[1, j] += az * lever[0] - ax * lever[2]
         J[2, j] += ax * lever[1] - ay * lever[0]
-    for k in range(3):
-        e[k] = T_d[k, 3] - T[k, 3]
+    e[:3] = T_d[:3, 3] - T[:3, 3]
     sine_between(T, T_d, e[3:])  # enough for what a stiff controller leaves
     wrench = np.zeros(6)
     for half in range(2):
@@ -58,9 +57,7 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
             force = K * error + 2.0 * sqrt(K * (_MASS if half == 0 else _INERTIA)) * rate
             for r in range(3):
                 wrench[3 * half + r] += T[r, c] * force
-    null = np.empty(JOINTS)
-    for j in range(JOINTS):
-        null[j] = _NULL_STIFFNESS * (motion.q_d[j] - state.q[j]) + _NULL_DAMPING * (motion.dq_d[j] - state.dq[j])
+    null = _NULL_STIFFNESS * (motion.q_d - state.q) + _NULL_DAMPING * (motion.dq_d - state.dq)
     # take out of `null` what pushes the end effector: null - J^T (J J^T + d I)^-1 J null
     b = np.zeros(6)
     for i in range(6):
@@ -95,13 +92,11 @@ def start_motion(motion, body, setting, q_start):
 def extrapolate(motion, kind, body, setting):
     """Get over a lost packet with constant acceleration, joints or pose, as the robot does."""
     if kind <= JOINT_VELOCITY:
-        for j in range(JOINTS):
-            motion.dq_d[j] += motion.ddq_d[j] * DT
-            motion.q_d[j] += motion.dq_d[j] * DT
+        motion.dq_d[:] += motion.ddq_d * DT
+        motion.q_d[:] += motion.dq_d * DT
         return
-    for i in range(6):
-        motion.O_dP_EE_c[i] += motion.O_ddP_EE_c[i] * DT
-        motion.O_dP_EE_d[i] = motion.O_dP_EE_c[i]
+    motion.O_dP_EE_c[:] += motion.O_ddP_EE_c * DT
+    motion.O_dP_EE_d[:] = motion.O_dP_EE_c
     turn(motion.O_T_EE_d, motion.O_dP_EE_c, DT)
     motion.O_T_EE_c[:] = motion.O_T_EE_d
     if motion.with_elbow != 0:
@@ -110,10 +105,9 @@ def extrapolate(motion, kind, body, setting):
     q = motion.q_d.copy()
     for _ in range(3):
         inverse_step(body, setting, motion.O_T_EE_d, motion.elbow_c[0], motion.with_elbow != 0, q)
-    for j in range(JOINTS):
-        dq = (q[j] - motion.q_d[j]) / DT
-        motion.ddq_d[j] = (dq - motion.dq_d[j]) / DT
-        motion.q_d[j], motion.dq_d[j] = q[j], dq
+    dq = (q - motion.q_d) / DT
+    motion.ddq_d[:] = (dq - motion.dq_d) / DT
+    motion.q_d[:], motion.dq_d[:] = q, dq
 
 
 JOINT_GENERATORS = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
@@ -203,17 +197,13 @@ class DrivenBox(ControlBox):
 
     def take_command(self, command: np.void) -> None:
         """Take a ROBOT_COMMAND for the next ms; a bad one is a reflex and never reaches the plant."""
-        errors = 0
-        if self._motion["asynchronous"]:
-            errors = joint_motion.take_target(self._motion, command, self._setting)
+        motion, setting, kind, q, errors = self._motion, self._setting, int(self._generator), self._state["q"], 0
+        if motion["asynchronous"]:
+            errors = joint_motion.take_target(motion, command, setting)
         elif self._generator in JOINT_GENERATORS:
-            errors = joint_motion.follow_joints(
-                self._motion, command, int(self._generator), self._setting, self._state["q"]
-            )
+            errors = joint_motion.follow_joints(motion, command, kind, setting, q)
         elif self._generator in CARTESIAN_GENERATORS:
-            errors = follow_cartesian(
-                self._motion, command, int(self._generator), self._scratch[0], self._setting, self._state["q"]
-            )
+            errors = follow_cartesian(motion, command, kind, self._scratch[0], setting, q)
         if errors:
             self.trip(errors)
         elif self._controller == Controller.EXTERNAL:

@@ -69,10 +69,7 @@ def judge_joints(q, dq, ddq, dddq, L, errors):
 @compiled
 def beyond(ddq, dddq, L):
     """True when a joint step, (7,) each, is beyond the published limits, with a spare for float32 states."""
-    for j in range(JOINTS):  # noqa: SIM110 - compiled
-        if abs(ddq[j]) > SPARE * L[5, j] + 0.5 or abs(dddq[j]) > SPARE * L[6, j] + 500.0:
-            return True
-    return False
+    return (np.abs(ddq) > SPARE * L[5] + 0.5).any() or (np.abs(dddq) > SPARE * L[6] + 500.0).any()
 
 
 @compiled
@@ -141,7 +138,4 @@ def approach_target(motion):
 @compiled
 def ends_too_fast(motion):
     """True when a motion that ends now would end while it moves."""
-    for j in range(JOINTS):  # noqa: SIM110 - compiled
-        if abs(motion.dq_d[j]) > _END_VELOCITY:
-            return True
-    return False
+    return (np.abs(motion.dq_d) > _END_VELOCITY).any()

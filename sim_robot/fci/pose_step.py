@@ -41,15 +41,13 @@ def rotation_between(A, B, w):
 def step_between(A, B, step):
     """step (6,): from pose A to pose B, (4, 4) each, m and rad along the base's axes."""
     rotation_between(A, B, step[3:])
-    for r in range(3):
-        step[r] = B[r, 3] - A[r, 3]
+    step[:3] = B[:3, 3] - A[:3, 3]
 
 
 @compiled
 def turn(T, w, dt):
     """Turn and move T by the twist w (6,) for dt, along the base's axes."""
-    for r in range(3):
-        T[r, 3] += w[r] * dt
+    T[:3, 3] += w[:3] * dt
     x, y, z = w[3] * dt, w[4] * dt, w[5] * dt
     angle = sqrt(x * x + y * y + z * z)
     if angle < 1e-15:
@@ -87,9 +85,8 @@ def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
     error[2] += error[3] * ly - error[4] * lx
     J, step3 = body.J, elbow - q[2] if with_elbow else 0.0
     if with_elbow:
-        for r in range(6):
-            error[r] -= J[r, 2] * step3
-            J[r, 2] = 0.0
+        error -= J[:, 2] * step3
+        J[:, 2] = 0.0
     gram(J, body.JJ)
     if not cholesky(body.JJ, _IK_DAMPING * _IK_DAMPING, body.factor):
         return

@@ -50,12 +50,8 @@ class _BoxClock(Pace):
 
     def ends_ns(self) -> int:
         """Return when the present millisecond ends, as things are now."""
-        awaited = punctual = False
-        for arm_server in self.arm_servers:
-            if arm_server.awaited:
-                awaited = True
-                punctual |= arm_server.punctual
-        return self.end_ns(awaited, punctual)
+        awaited = [arm_server for arm_server in self.arm_servers if arm_server.awaited]
+        return self.end_ns(bool(awaited), any(arm_server.punctual for arm_server in awaited))
 
 
 class Realtime:

@@ -56,9 +56,7 @@ def product(A, B, C):
         for c in range(4):
             total = A[r, 0] * B[0, c] + A[r, 1] * B[1, c] + A[r, 2] * B[2, c]
             C[r, c] = total + (A[r, 3] if c == 3 else 0.0)
-    for c in range(3):
-        C[3, c] = 0.0
-    C[3, 3] = 1.0
+    C[3, 0], C[3, 1], C[3, 2], C[3, 3] = 0.0, 0.0, 0.0, 1.0
 
 
 @compiled
@@ -158,8 +156,7 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         forward_kinematics(goal, motion.q_d)
         if motion.cartesian == 0:
             product(goal.T, setting.face_T_EE, motion.O_T_EE_d)
-            for r in range(3):
-                lever[r] = motion.O_T_EE_d[r, 3] - goal.T[r, 3]
+            lever[:] = motion.O_T_EE_d[:3, 3] - goal.T[:3, 3]
             _twist(goal, motion.dq_d, lever, motion.O_dP_EE_d)
             motion.O_T_EE_c[:] = motion.O_T_EE_d
             _acceleration(goal, motion, motion.O_T_EE_d, motion.O_ddP_EE_c)
@@ -187,8 +184,7 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         # the wrench about K, along the base's axes and along K's
         product(body.T, setting.face_T_K, T)
         wrench[:] = body.wrench
-        for r in range(3):
-            lever[r] = body.T[r, 3] - T[r, 3]
+        lever[:] = body.T[:3, 3] - T[:3, 3]
         wrench[3] += lever[1] * wrench[2] - lever[2] * wrench[1]
         wrench[4] += lever[2] * wrench[0] - lever[0] * wrench[2]
         wrench[5] += lever[0] * wrench[1] - lever[1] * wrench[0]
@@ -198,10 +194,7 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         wire.O_F_ext_hat_K[:], wire.K_F_ext_hat_K[:] = wrench, twist
 
         # contact and collision by the client's thresholds: other ones while accelerating
-        row = 2
-        for j in range(JOINTS):
-            if motion.ddq_d[j] != 0.0:
-                row = 0
+        row = 0 if motion.ddq_d.any() else 2
         lower, upper, mask, on = setting.torque_thresholds[row], setting.torque_thresholds[row + 1], 0, motion.watching
         if _levels(state.tau_ext_hat_filtered, lower, upper, on, motion.joint_contact, motion.joint_collision):
             mask |= JOINT_COLLISION
@@ -245,32 +238,23 @@ def _accelerometers(body, q, dq, motion, wire):
         v[:] = 0.0
         point = body.origins[i + 1]
         for j in range(i + 1):
-            x, z = body.origins[j], body.axes[j]
-            lx, ly, lz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
-            v[0] += (z[1] * lz - z[2] * ly) * dq[j]
-            v[1] += (z[2] * lx - z[0] * lz) * dq[j]
-            v[2] += (z[0] * ly - z[1] * lx) * dq[j]
-        for r in range(3):
-            if motion.started != 0:
-                motion.acceleration[i, r] = (v[r] - motion.velocity_last[i, r]) * 1e3
-            motion.velocity_last[i, r] = v[r]
+            turn = _cross(body.axes[j], point - body.origins[j])
+            for r in range(3):
+                v[r] += turn[r] * dq[j]
+        if motion.started != 0:
+            motion.acceleration[i] = (v - motion.velocity_last[i]) * 1e3
+        motion.velocity_last[i] = v
     if motion.started == 0:
         motion.noise = np.uint64(np.int64(q[0] * 1e15))  # the cell's seed decides it
     motion.started = 1
     for i in range(6):
         R = body.R[i]
         for end in range(2):
-            for r in range(3):
-                a[r] = -GRAVITY_ACCELERATION if r == 2 else 0.0
-                if end == 0 and i > 0:
-                    a[r] += motion.acceleration[i - 1, r]
-                if end == 1:
-                    a[r] += motion.acceleration[i, r]
+            a[0], a[1], a[2] = 0.0, 0.0, -GRAVITY_ACCELERATION
+            if i + end > 0:
+                a += motion.acceleration[i + end - 1]
             for c in range(3):
                 value = R[0, c] * a[0] + R[1, c] * a[1] + R[2, c] * a[2] + ACCELEROMETER_NOISE * _normal(motion)
                 value = min(max(value, -ACCELEROMETER_RANGE), ACCELEROMETER_RANGE)
-                value = ACCELEROMETER_BIT * floor(value / ACCELEROMETER_BIT + 0.5)
-                if end == 0:
-                    wire.accelerometer_bottom[i, c] = value
-                else:
-                    wire.accelerometer_top[i, c] = value
+                readings = wire.accelerometer_bottom if end == 0 else wire.accelerometer_top
+                readings[i, c] = ACCELEROMETER_BIT * floor(value / ACCELEROMETER_BIT + 0.5)

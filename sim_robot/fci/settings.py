@@ -67,12 +67,7 @@ class Settings:
     """One arm's settings; `record` is one SETTINGS_RECORD. A setter that raises InvalidSetting changes nothing."""
 
     def __init__(
-        self,
-        record: np.void,
-        model: RobotModel,
-        pad: Pad,
-        joint_stiffness: tuple[float, ...],
-        hand: FrankaHand | None = None,
+        self, record: np.void, model: RobotModel, pad: Pad, joint_stiffness: tuple[float, ...], hand: FrankaHand | None
     ) -> None:
         """hand: what Desk has set as the end effector instead of the pad."""
         self.record = record
