@@ -26,6 +26,7 @@ import numpy as np
 import typer
 
 from rtstack.cells import load_description
+from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from sim_robot.desk.process import PORT
 from sim_robot.desk.server import PASSWORD, USER
@@ -49,7 +50,7 @@ HARDEST_GRAB_N = 300.0  # of a pad on the object: 119 N in the right set-up, and
 OUTSIDE_M = 0.005  # beyond the box for the pads, at the end
 STILL_RAD = 0.002  # an arm that turned less has not moved
 DROPPED_M_S = 1.0  # downwards: 50 mm of free fall
-LED_MS = 1500  # by hand, until something happens
+LED_RAD, LED_S = 0.05, 30.0  # by hand, until something happens
 TRIES = 3  # of a run in real time that this host has spoiled: packets were lost where the set-up loses none
 REAL_PREFIX = "192.0.2"  # of a network that is nobody's (RFC 5737), in a namespace
 BY = {
@@ -102,12 +103,13 @@ def sorted_out(setup: Setup, pace: str, status: int | None, said: str, seen: np.
     last = lines[-1] if lines else ""
     wrong, turned = misdeeds(setup, status, seen), float(seen["turned"].max())
     ends = sorted((last.index(end), end) for end in End if end in last)
+    part = BY.get(ends[0][1], "watchdog") if ends else "command"
     if status == 0:
         came, by = WENT_ON, ""
-    elif turned < STILL_RAD:
-        came, by = REFUSED, "command" if status == 2 else f"exit status {status}"
+    elif turned < STILL_RAD or not seen["moving_ticks"]:
+        came, by = REFUSED, part
     elif ends or status != 1:
-        came, by = STOPPED, BY.get(ends[0][1], "watchdog") if ends else "command"
+        came, by = STOPPED, part
     else:
         came, by = WENT_ON, "to its end, and failed"
     notes = [setup.harmless] if status == 0 else []
@@ -226,6 +228,8 @@ class Trier:
                 lambda: hold(metal, setup, running), None if act is None else lambda: act(metal, running)
             )
             said = running.terminal.said
+        if setup.hang_up and (metal.folder / "log.mcap").exists():  # nothing more was said there
+            said += f"\nfailed: {read_log(metal.folder / 'log.mcap').metadata['result']['failure_reason']}"
         (metal.folder / "said.txt").write_text(f"{' '.join(words)}\nexit status {status}\n{said}")
         time.sleep(0.1)  # the robot's own stop
         return sorted_out(setup, pace, status, said.replace(f"{metal.folder}/", ""), metal.seen.copy())
@@ -234,7 +238,8 @@ class Trier:
         operator = PageOperator(metal)
         try:
             operator.begin()
-            while metal.seen["moving_ticks"] < LED_MS and not operator.reason:
+            seen, due_s = metal.seen, time.monotonic() + LED_S
+            while seen["turned"].max() < LED_RAD and not operator.reason and time.monotonic() < due_s:
                 time.sleep(0.05)
             said = operator.reason or page(operator)
         except SoakFailed as failed:
@@ -242,7 +247,8 @@ class Trier:
         finally:
             operator.close()
         (metal.folder / "said.txt").write_text(said)
-        return sorted_out(setup, pace, 0 if said.startswith("done") else 1, said, metal.seen.copy())
+        status = 0 if said.startswith("done") and not any(end in said for end in End) else 1
+        return sorted_out(setup, pace, status, said, metal.seen.copy())
 
 
 def hold(metal: Metal, setup: Setup, running: AtTerminal) -> None:

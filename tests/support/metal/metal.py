@@ -1,6 +1,7 @@
 """Arms that are served as metal: a watched robot on loopback, the file of its cell, a person at a terminal."""
 
 import contextlib
+import ctypes
 import fcntl
 import os
 import signal
@@ -27,6 +28,8 @@ import hal.fci.pair, rtstack.loop.watchdogs
 hal.fci.pair.STALE_S = hal.fci.pair.STALE_IN_LOCKSTEP_S
 rtstack.loop.watchdogs.OVERRUN_TICKS = 10_000
 """
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_libc = ctypes.CDLL(None)
 LONGEST_S = 150.0  # of a command; the tick may have to be compiled first
 _END_S = 10.0
 
@@ -97,7 +100,7 @@ class Metal:
         """Start a program where the robot is."""
         if self.namespace is not None:
             return self.namespace.start(*command, **options)
-        return subprocess.Popen(command, **options)
+        return subprocess.Popen(command, **{"preexec_fn": _end_with_parent} | options)
 
     @contextlib.contextmanager
     def command(self, words: Sequence[str], prelude: str = "", leads: bool = False) -> "Iterator[AtTerminal]":
@@ -134,7 +137,12 @@ class Metal:
                 robot.communicate()
 
 
+def _end_with_parent() -> None:
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def _lead() -> None:
+    _end_with_parent()
     os.setsid()
     fcntl.ioctl(0, termios.TIOCSCTTY)
 

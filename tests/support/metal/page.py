@@ -10,6 +10,7 @@ import httpx
 import psutil
 from websockets.exceptions import WebSocketException
 
+from rtstack.teleoperation.stamp import Sender
 from tests.support.console.stack import SoakFailed, Stack
 from tests.support.metal.metal import LONGEST_S, Metal
 
@@ -25,21 +26,23 @@ class PageOperator:
         arms = ["--left", metal.left, "--right", metal.right, "--cell-file", str(metal.cell_file)]
         self.stack = Stack(metal.folder / "logs", arms)
         self.console = self.stack.members["console"]
-        self._over = threading.Event()
+        self._over, self._word = threading.Event(), ""
 
     def begin(self) -> None:
         """Take control, arm, and lead the left arm upwards by a held clutch, in a thread. Raises SoakFailed."""
+        threading.Thread(target=self._live, daemon=True).start()
         self.stack.post("take", operator=OPERATOR)
         self.stack.post("arm")
         self.stack.post("jobs/teleoperation", object="rice_box", stop_on_release=True)
-        for beat in (self._hold, self._live):
-            threading.Thread(target=beat, daemon=True).start()
+        threading.Thread(target=self._hold, daemon=True).start()
 
     def _hold(self) -> None:
+        led, sender = {"clutch": True, "deflection": {"left": [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]}}, Sender()
         with contextlib.suppress(WebSocketException, OSError), self.stack.socket("/api/teleoperation/hand") as hand:
+            sender.saw(self.stack.client.get("/api/teleoperation/hand").json())
             while not self._over.wait(_BEAT_S):
-                hand.send(json.dumps({"clutch": True, "deflection": {"left": [0.0, 0.0, 0.5, 0.0, 0.0, 0.0]}}))
-                hand.recv()
+                hand.send(json.dumps(sender.stamped(led)))
+                sender.saw(json.loads(hand.recv()))
 
     def _live(self) -> None:
         with contextlib.suppress(httpx.HTTPError), self.stack.beating():
@@ -76,8 +79,9 @@ class PageOperator:
 
     def second(self, path: str) -> str:
         """Have somebody else ask for something; return the answer's status and text."""
-        word = self.stack.post("tokens", name="second", scope="operate")["word"]
-        headers = {"authorization": f"Bearer {word}"}
+        if not self._word:
+            self._word = self.stack.post("tokens", name="second", scope="operate")["word"]
+        headers = {"authorization": f"Bearer {self._word}"}
         answer = httpx.post(f"{self.stack.base}/api/{path}", json={}, headers=headers, trust_env=False, timeout=60.0)
         return f"{path}: {answer.status_code} {answer.text}"
 
