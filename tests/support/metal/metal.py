@@ -100,7 +100,8 @@ class Metal:
         """Start a program where the robot is."""
         if self.namespace is not None:
             return self.namespace.start(*command, **options)
-        return subprocess.Popen(command, **{"preexec_fn": _end_with_parent} | options)
+        more: dict[str, Any] = {"preexec_fn": _end_with_parent, **options}
+        return subprocess.Popen(command, **more)
 
     @contextlib.contextmanager
     def command(self, words: Sequence[str], prelude: str = "", leads: bool = False) -> "Iterator[AtTerminal]":
