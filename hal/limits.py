@@ -20,11 +20,8 @@ COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
 
 @dataclass(frozen=True, slots=True)
 class HoldBounds:
-    """The bounds outside of which an arm is not held without its judge (hal.fci.hold).
-
-    Joints (7,): position, rad; speed, rad/s; the robot's estimate of the external torque, Nm. force_max: of the size of
-    its estimate of the pad's force, N.
-    """
+    """Bounds outside of which an arm is not held without its judge (hal.fci.hold): joints (7,), rad, rad/s, Nm; the
+    size of the pad's force, N. External torque and force are the robot's estimates."""
 
     q_lower: tuple[float, ...]
     q_upper: tuple[float, ...]
@@ -52,9 +49,8 @@ class CollisionBehaviour:
     @property
     def hold_bounds(self) -> HoldBounds:
         """Return where a hold ends: at the judge's bounds, or at these thresholds."""
-        wide = (inf,) * DOF
-        widest = HoldBounds((-inf,) * DOF, wide, wide, self.collision_torques, min(self.collision_forces[:3]))
-        return self.hold or widest
+        far, force = (inf,) * DOF, min(self.collision_forces[:3])
+        return self.hold or HoldBounds((-inf,) * DOF, far, far, self.collision_torques, force)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

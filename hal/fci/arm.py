@@ -18,7 +18,7 @@ from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.peeked_state import PeekedState, stamp_arrivals
 from hal.fci.setup import configure, tell_collisions
 from hal.fci.sockets import give_up_after, numeric, open_sockets, shut_down
-from hal.limits import CollisionBehaviour, HoldBounds
+from hal.limits import CollisionBehaviour
 from hal.pad import Pad
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
@@ -59,11 +59,12 @@ class FciArm:
         self.unread = False  # True: the next read returns the last state once more, without waiting
         self.peeked: PeekedState | None = None  # where the arm is answered by a clock of its own
         self.cycles: CycleTimes | None = None  # where they are to be measured
-        self.let_go = ""  # why the last hold ended, see hal.fci.hold.Held
+        self.let_go = ""  # see hal.fci.hold.Held
         self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         self._robot: franka.Robot | None = None
         self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
         self._setup = (tool, collisions or CollisionBehaviour())
+        self.hold_bounds = self._setup[1].hold_bounds
         self._connect()
         try:
             if not self.reflex():
@@ -95,7 +96,7 @@ class FciArm:
         Raises CommandRejected while the arm moves, ConnectionLost.
         """
         tool, before = self._setup
-        self._setup = (tool, collisions)
+        self._setup, self.hold_bounds = (tool, collisions), collisions.hold_bounds
         if collisions == before:
             return
         if not self.reflex():
@@ -117,11 +118,6 @@ class FciArm:
     def in_motion(self) -> bool:
         """Whether the robot wants an answer each millisecond."""
         return self._control is not None and not self._lost
-
-    @property
-    def hold_bounds(self) -> HoldBounds:
-        """The bounds of a hold, see hal.fci.hold.Held."""
-        return self._setup[1].hold_bounds
 
     def last_torque(self) -> Array:
         """Return what to go on with, see hal.fci.hold.Held."""
@@ -173,7 +169,9 @@ class FciArm:
             self._take(state, number, mode)
         if mode == RobotMode.REFLEX:
             names = _reasons(state)
-            raise CommandRejected(f"{self._blamed} is in reflex: {', '.join(names)}; recover it first", names)
+            raise CommandRejected(
+                f"{self.called}{self.let_go} is in reflex: {', '.join(names)}; recover it first", names
+            )
         return self.state
 
     def _take(self, state: franka.RobotState, number: int, mode: int) -> None:
@@ -281,12 +279,7 @@ class FciArm:
         """Leave torque control, as the robot has, and return what to raise."""
         self._lost = isinstance(error, franka.NetworkException)
         self._control = None
-        return as_hardware_error(error, self._blamed)
-
-    @property
-    def _blamed(self) -> str:
-        """Name of the arm in an error, with what became of the last hold where that ended early."""
-        return f"{self.called} ({self.let_go})" if self.let_go else self.called
+        return as_hardware_error(error, self.called + self.let_go)
 
 
 def _latched(state: franka.RobotState) -> tuple[str, ...]:

@@ -120,16 +120,13 @@ def _answer(
 class Held(Protocol):
     """An arm in motion that can be answered without libfranka.
 
-    let_go: how long the last hold lasted and which bound ended it, in words; "" where none has.
+    hold_bounds: outside of them it is answered no more; let_go: how long the last hold lasted and which bound ended it,
+    in words to follow the arm's name, "" where none has.
     """
 
     socket: int
+    hold_bounds: HoldBounds
     let_go: str
-
-    @property
-    def hold_bounds(self) -> HoldBounds:
-        """The bounds outside of which the arm is answered no more."""
-        ...
 
     def last_torque(self) -> Array:
         """Return the torque (7,), Nm, of its last command."""
@@ -195,5 +192,5 @@ class Hold:
         self._ended.wait()
         self.answers, (value, allowed) = int(self._words[_ANSWERS]), self._found
         ended_by = _ENDS[self._words[_ENDED_BY]].format(joint=self._words[_JOINT], value=value)
-        how_long = f"held for {self.answers} ms while the other arm's box was awaited, then let go"
-        self._arm.let_go = ended_by and f"{how_long}: {ended_by}, allowed {allowed:.4g}"
+        how_long = f" (held for {self.answers} ms while the other arm's box was awaited, then let go: {ended_by}"
+        self._arm.let_go = ended_by and f"{how_long}, allowed {allowed:.4g})"

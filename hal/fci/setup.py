@@ -34,13 +34,9 @@ def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehavi
     The tool's outer face becomes the end effector, and the stiffness frame K. The robot may know the tool already (as
     the end effector set in Desk), or nothing of it: then it is a load. What an earlier client has set must not remain:
     frames, masses and the load's centre are compared with the state. Collision thresholds and joint impedance are not
-    in RobotState and cannot be read back; they are set at each connection.
+    in RobotState and cannot be read back; they are set at each connection. called: how a message names the arm.
 
-    Args:
-        called: how a message names the arm.
-
-    Raises:
-        HardwareError: Desk has another tool, or the robot does not report what was set. And what pylibfranka raises.
+    Raises HardwareError where Desk has another tool, or the robot does not report what was set; and pylibfranka's.
     """
     tell_collisions(robot, collisions)
     robot.set_joint_impedance(_JOINT_IMPEDANCE)
@@ -63,37 +59,26 @@ def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehavi
         NE_T_EE = np.eye(4)
     robot.set_EE(_wire(NE_T_EE))
     robot.set_K(_wire(np.eye(4)))
-    wanted: dict[str, Sequence[float] | float] = {
-        "m_ee": state.m_ee, "F_T_EE": _wire(tool.F_T_face), "EE_T_K": _wire(np.eye(4)), "m_load": 0.0,
-    }  # fmt: skip
-    if told:
-        robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
-    else:
-        wanted |= {"m_load": tool.mass, "F_x_Cload": tool.F_x_centre.tolist()}
-        robot.set_load(tool.mass, tool.F_x_centre.tolist(), tool.I_centre.T.ravel().tolist())
-    _read_back(robot, wanted, called)
-
-
-def _read_back(robot: franka.Robot, wanted: dict[str, Sequence[float] | float], called: str) -> None:
-    """Raise HardwareError unless a robot's states come to report these fields."""
-    differs = ""
+    load = (0.0, [0.0] * 3, [0.0] * 9)
+    if not told:
+        load = (tool.mass, tool.F_x_centre.tolist(), tool.I_centre.T.ravel().tolist())
+    robot.set_load(*load)
+    wanted = {"F_T_EE": _wire(tool.F_T_face), "EE_T_K": _wire(np.eye(4)), "m_ee": state.m_ee, "m_load": load[0]}
+    wanted |= {} if told else {"F_x_Cload": load[1]}
+    differs = []
     for _ in range(_LOOKS):
         state = robot.read_once()
-        for name, value in wanted.items():
-            reported = getattr(state, name)
-            if not np.allclose(reported, value, rtol=0.0, atol=_SAME):  # a NaN differs
-                differs = f"{name} as {_short(reported)}, not as the {_short(value)} that was set"
-                break
-        else:
+        differs = [name for name in wanted if not np.allclose(getattr(state, name), wanted[name], rtol=0.0, atol=_SAME)]
+        if not differs:
             return
-    raise HardwareError(
-        f"{called} reports {differs}: what an earlier client has set may still hold; restart the control box, then "
-        "connect again"
+    reported, was_set = (
+        np.array2string(np.asarray(each), precision=4, suppress_small=True, max_line_width=1000)
+        for each in (getattr(state, differs[0]), wanted[differs[0]])
     )
-
-
-def _short(value: Sequence[float] | float) -> str:
-    return np.array2string(np.asarray(value), precision=4, suppress_small=True, max_line_width=1000)
+    raise HardwareError(
+        f"{called} reports {differs[0]} as {reported}, it was set to {was_set}: what an earlier client has set "
+        "may still hold; restart the control box, then connect again"
+    )
 
 
 def _mm(place: Sequence[float] | Array) -> str:

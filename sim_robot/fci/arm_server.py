@@ -33,6 +33,7 @@ from sim_robot.proximity import Proximity
 _NEVER_NS = 1 << 62
 # a recovery is answered once the arm stands, rad/s, and nothing pushes it; or so many ms after the reflex
 _STANDS, _LONGEST_BRAKING_MS = 0.02, 500
+_STOPPED = {RobotMode.REFLEX: StopStatus.REFLEX_ABORTED, RobotMode.USER_STOPPED: StopStatus.EMERGENCY_ABORTED}
 JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
 
 
@@ -334,16 +335,11 @@ class ArmServer:
 
     def _stop(self) -> StopStatus:
         """End a motion; return what the mode allows, in libfranka's words for each status (robot_impl.h)."""
-        if self.unsafe:
-            return StopStatus.SAFETY
-        moved = self.moving
-        if moved:
+        status = StopStatus.SAFETY if self.unsafe else StopStatus.NOT_POSSIBLE
+        if self.moving:
             self._finish(MoveStatus.PREEMPTED)
-        if self.box.mode == RobotMode.REFLEX:
-            return StopStatus.REFLEX_ABORTED  # and it stays
-        if self.box.mode == RobotMode.USER_STOPPED:
-            return StopStatus.EMERGENCY_ABORTED
-        return StopStatus.SUCCESS if moved else StopStatus.NOT_POSSIBLE
+            status = StopStatus.SUCCESS
+        return _STOPPED.get(self.box.mode, status) if status != StopStatus.SAFETY else status
 
     def _move(self, command_id: int, values: tuple) -> None:
         request = MoveRequest.of(values)

@@ -84,8 +84,8 @@ def test_it_is_let_go_where_it_gets_faster(ends, thread, faster):
         assert ended(hold)
         shown(ends, 3, 0.0)  # and not taken up again
     assert hold.answers == 2
-    said = f"held for 2 ms while the other arm's box was awaited, then let go: joint 4 moves at {faster:.3g} rad/s"
-    assert arm.let_go == f"{said}, allowed 0.7"
+    said = f" (held for 2 ms while the other arm's box was awaited, then let go: joint 4 moves at {faster:.3g} rad/s"
+    assert arm.let_go == f"{said}, allowed 0.7)"
 
 
 DERIVED = CollisionBehaviour(collision_torques=(30.0,) * 7, collision_forces=(60.0,) * 3 + (9.0,) * 3).hold_bounds
@@ -116,7 +116,7 @@ def test_it_is_let_go_outside_each_bound(ends, thread, bounds, inside, outside, 
         shown(ends, 3, **outside)
         assert ended(hold)
     assert hold.answers == 3
-    assert arm.let_go == f"held for 3 ms while the other arm's box was awaited, then let go: {said}"
+    assert arm.let_go == f" (held for 3 ms while the other arm's box was awaited, then let go: {said})"
 
 
 def test_an_arm_that_begins_beyond_its_range_is_held_there(ends, thread):
