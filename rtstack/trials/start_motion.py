@@ -176,17 +176,24 @@ def start_motion(
     """Return the way of an open cell's arms to the points start (arms,) of POINT, by default to the description's home.
 
     None where they are there already, or begin there anyway (the plant in this process). Raises TrialError with one
-    line where the way must not be gone, or where the tracker sees the object elsewhere than where it was put;
+    line where the way must not be gone, where the tracker sees the object elsewhere than where it was put, and at real
+    arms where it sees none;
     HardwareError from the arms.
     """
     if cell.link is None:
         return None
-    limits = description.start_motion
+    limits, tracker = description.start_motion, description.tracker
     displacement = Displacement.of(displacement)
     place = _object_place(description, object_name, displacement)
-    if place is not None and (pose := object_before(cell, description)).record["seen"][0]:
+    pose = None if place is None else object_before(cell, description)
+    if pose is not None and not pose.record["seen"][0] and not description.simulated and tracker.kind != NO_TRACKER:
+        raise TrialError(
+            f"the tracker at {tracker.address} shows no fresh pose of {object_name}: start it, and look at its body and"
+            f' markers; without a tracker write kind = "{NO_TRACKER}" under [tracker]'
+        )
+    if pose is not None and pose.record["seen"][0]:
         away = pose.position - place
-        if np.linalg.norm(away) > description.tracker.place_tolerance_m:
+        if np.linalg.norm(away) > tracker.place_tolerance_m:
             x, y, z = (round(1e3 * metres) for metres in away.tolist())
             raise TrialError(
                 f"the object is not in its place but x {x:+d}, y {y:+d}, z {z:+d} mm from it: put it back "

@@ -149,6 +149,15 @@ def test_an_object_that_a_tracker_of_another_clock_sees_elsewhere_is_refused(pai
             start_motion(opened, cell, "rice_box")
 
 
+def test_real_arms_are_not_moved_where_the_tracker_shows_nothing(arms: Cell, cell):
+    start_motion(arms, cell, "rice_box")  # simulated ones are
+    real = replace(cell, simulated=False)
+    with pytest.raises(TrialError, match=r"no fresh pose of rice_box: .*kind = \"none\" under \[tracker\]"):
+        start_motion(arms, real, "rice_box")
+    start_motion(arms, replace(real, tracker=replace(real.tracker, kind="none")), "rice_box")
+    start_motion(arms, real, "")
+
+
 def test_a_table_that_stands_higher_than_the_file_says_is_met_softly_and_recorded(arms: Cell, cell):
     """Their file has the table 40 mm lower, and a home into which the pads sink by 13 mm."""
     low = replace(cell, table=replace(cell.table, top_z=cell.table.top_z - 0.04))
