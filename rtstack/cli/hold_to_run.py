@@ -112,7 +112,7 @@ class HoldToRun:
         looked_s = since_boot_s()
         while not done.is_set():
             keys, before_s, looked_s = _keys(descriptor), looked_s, since_boot_s()
-            # nobody need be there any more where the machine was suspended, or this process stopped (Ctrl-Z)
+            # the person may have left while the machine was suspended, or this process stopped (Ctrl-Z)
             if looked_s - before_s > LEASE_S:
                 keys = b""
             if keys == b"p":
