@@ -6,8 +6,9 @@ cut to the console. Ways at a terminal of `rtstack teach`: the space bar let go 
 closed. Ways of the network to the robots: one cable out, both out. Each is measured quietly and beside two busy loops.
 
 The end is the host's monotonic time at which the plant has taken the first torque of the stop, of the arm that is the
-last one, at most 1 ms too late; where a robot ends the motion by itself, that. Keeps each stop in results.json: the same command goes on. Exit
-status 1 where the longest is above 350 ms, or something else stopped the arms. Ctrl-C gives what there is so far.
+last one, at most 1 ms too late; where a robot ends the motion by itself, that. Keeps each stop in results.json: the
+same command goes on. Exit status 1 where the longest is above 350 ms, or something else stopped the arms. Ctrl-C gives
+what there is so far.
 
 Takes three hours with --times 50.
 """
