@@ -25,7 +25,7 @@ METAL, OWN = "METAL", "own"
 HIGH = (-0.293789, -0.182868, 0.247605, -2.593584, -1.57879, 1.637408, 0.846764)
 LOW = (-0.279291, 0.36991, 0.242204, -2.498108, -1.646022, 1.502396, 1.282473)
 HOME = (-0.301958, 0.089107, 0.267142, -2.576334, -1.613419, 1.566484, 1.090987)
-FAR = (-1.9, 0.089107, 0.267142, -2.576334, -1.613419, 1.566484, 1.090987)
+FAR = (-0.301958, 0.089107, 0.267142, -2.576334, -1.613419, 1.566484, -0.509013)
 _MIRROR = (-1, 1, -1, 1, -1, 1, -1)
 Act = Callable[[Metal, AtTerminal], object]
 
@@ -187,7 +187,7 @@ def _second_operator(operator: PageOperator) -> str:
 
 def _page_gone(operator: PageOperator) -> str:
     operator.let_go()
-    return operator.ended()
+    return operator.ended().replace("done", "stopped")  # a job by hand is done when its page has gone
 
 
 _NO_FIFO = """
