@@ -3,6 +3,7 @@
 import getpass
 import json
 import platform
+import re
 import zipfile
 from contextlib import suppress
 from dataclasses import asdict
@@ -30,8 +31,7 @@ class Results:
         hidden |= {platform.node(): "HOST"}
         with suppress(OSError, KeyError):
             hidden[getpass.getuser()] = "USER"
-        # a name that is a word of these files (root, lab) would be replaced in the middle of others
-        self._hidden = sorted(((k, v) for k, v in hidden.items() if len(k or "") > 4), key=lambda pair: -len(pair[0]))
+        self._hidden = sorted(((k, v) for k, v in hidden.items() if k), key=lambda pair: -len(pair[0]))
 
     def path(self, step: Step) -> Path:
         """Return where the result of a step is."""
@@ -40,7 +40,7 @@ class Results:
     def scrubbed(self, text: str) -> str:
         """Return a text without what identifies the lab."""
         for name, word in self._hidden:
-            text = text.replace(name, word)
+            text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", word, text)  # not in the middle of a word
         return text
 
     def write(self, step: Step, found: Found, failed: str = "", skipped: str = "") -> None:
