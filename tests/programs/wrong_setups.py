@@ -247,7 +247,7 @@ class Trier:
         finally:
             operator.close()
         (metal.folder / "said.txt").write_text(said)
-        status = 0 if said.startswith("done") and not any(end in said for end in End) else 1
+        status = 0 if said.startswith("done") and not any(end in said for end in End) else 3  # a job that was ended
         return sorted_out(setup, pace, status, said, metal.seen.copy())
 
 
