@@ -255,7 +255,7 @@ class Run:
         now = np.stack([arm.read().q.copy() for arm in cell.arms])
         limits = led_in(limits, description, now)
         request = ControllerRequest(description, parameters, arm_controllers(description, parameters, limits), 0.0)
-        laws, lasts_s = way.laws(request.arms, parameters.friction, now, limits)
+        laws, lasts_s = way.laws(request.arms, parameters.friction, now)
         measured, period_s = MeasuredPoints(lasts_s, len(laws)), parameters.control.period_s
         plan = SessionPlan.from_source(measured, parameters.control.stiffness, period_s, ForcePhase.APPROACH)
         history = History(round(lasts_s / period_s) + SPARE_TICKS, False, description.sides)

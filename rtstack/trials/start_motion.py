@@ -108,17 +108,14 @@ class StartMotion:
     limits: StartMotionLimits
 
     def laws(
-        self, arms: Sequence[ArmController], friction: Sequence[FrictionParameters], now: Array, limits: PairLimits
+        self, arms: Sequence[ArmController], friction: Sequence[FrictionParameters], now: Array
     ) -> tuple[list[JointLaw], float]:
-        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s.
-
-        limits: the judge's, whose speed of the pad the way stays below. Raises TrialError where the arms are not where
-        the way began."""
+        """Return the law of each arm from `now` (arms, 7), rad, to the start, and how long they lead, s. Raises
+        TrialError where the arms are not where the way began."""
         if np.abs(now - self.path.start).max() > MOVED_RAD:
             raise TrialError("an arm was moved before its way to the start began: give the command again")
         path = JointPath.between(now, self.path.goal, self.limits)
-        slower = max(_pad_speed(path, arms) / (SPEED_SHARE * min(own.ee_speed_max for own in limits)), 1.0)
-        path = replace(path, duration_s=slower * path.duration_s)
+        path = replace(path, duration_s=max(path.duration_s, self.path.duration_s))
         t_s = np.arange(max(2, round(path.duration_s / CONTROL_PERIOD_S) + 1)) * CONTROL_PERIOD_S
         q = np.array([path.at(t) for t in t_s.tolist()])
         dq = np.gradient(q, CONTROL_PERIOD_S, axis=0)
@@ -133,7 +130,7 @@ class StartMotion:
 
 
 def _pad_speed(path: JointPath, arms: Sequence[ArmController]) -> float:
-    """Return the largest speed of a pad along a way, m/s."""
+    """Return the largest speed of a pad along a way, m/s. arms: not those of a run, whose observers would see it."""
     t_s = np.linspace(0.0, path.duration_s, LOOKS)
     q = np.array([path.at(t) for t in t_s.tolist()])
     dq = np.gradient(q, t_s, axis=0)
@@ -191,7 +188,7 @@ def start_motion(
             f"the tracker at {tracker.address} shows no fresh pose of {object_name}: start it, and look at its body and"
             f' markers; without a tracker write kind = "{NO_TRACKER}" under [tracker]'
         )
-    if pose is not None and pose.record["seen"][0]:
+    if place is not None and pose is not None and pose.record["seen"][0]:
         away = pose.position - place
         if np.linalg.norm(away) > tracker.place_tolerance_m:
             x, y, z = (round(1e3 * metres) for metres in away.tolist())
@@ -223,6 +220,8 @@ def start_motion(
         arm, joint = np.argwhere(outside)[0]
         raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {sides[arm]} arm")
     path = JointPath.between(now, goal, limits)
+    fastest = SPEED_SHARE * min(own.ee_speed_max for own in limits_of_arms(description))
+    path = replace(path, duration_s=path.duration_s * max(1.0, _pad_speed(path, arms) / fastest))
     thing = None if place is None else _box(place, displacement.yaw_rad, description.objects[object_name])
     _look_along(path, arms, description, thing)
     return StartMotion(path, limits)
