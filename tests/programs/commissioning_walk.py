@@ -7,6 +7,7 @@ the pads. Exit status 1 where a step fails, or is refused in its place, or is no
 Takes five minutes.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -25,10 +26,13 @@ from rtstack.calibration.points import save_points
 from rtstack.cells import load_description
 from rtstack.cells.commissioning import record_file
 from tests.programs import program
+from tests.support.console.stack import SoakFailed, Stack
 from tests.support.desk import PASSWORD, USER, desk_address
 from tests.support.metal.metal import Metal
 from tests.support.wrong_cell import Wrongness, built, touched_points
 
+PRESS_S = 12.0  # by the host's clock: some 0.2 m to the object, and against it
+_HELD = '{{"clutch": true, "speed_m_s": 0.1, "deflection": {}}}'
 COMMAND = str(Path(sys.executable).with_name("rtstack"))
 
 
@@ -64,6 +68,34 @@ class Walk:
 
             status = at.carry_out(lambda: at.terminal.hold(until=until))
         self._note("name, space bar", words, began_s, status, statuses[-1], at.terminal.said, statuses)
+
+    def pressed(self) -> str:
+        """Record on the page how both pads are led to the object by hand, and press on it; return the log's path."""
+        began_s = runs_s = time.monotonic()
+        metal = self.metal
+        arms = ("--left", metal.left, "--right", metal.right, "--cell-file", str(metal.cell_file))
+        stack = Stack(metal.folder / "logs", arms)
+        inwards = {"left": [0.0, -0.4, 0.0, 0.0, 0.0, 0.0], "right": [0.0, 0.4, 0.0, 0.0, 0.0, 0.0]}
+        try:
+            stack.post("take", operator="Anna")
+            stack.post("arm")
+            stack.post("jobs/teleoperation", object="rice_box", recorded=True, stop_on_release=True)
+            with stack.beating(), stack.socket("/api/teleoperation/hand") as hand:
+                while (status := stack.client.get("/api/status").json())["job"]["state"] in ("starting", "running"):
+                    view = json.loads(hand.recv()) if hand.send(_HELD.format(json.dumps(inwards))) is None else {}
+                    if view.get("error"):
+                        raise SoakFailed(view["error"])
+                    runs_s = time.monotonic() if status["job"]["state"] == "starting" else runs_s
+                    if time.monotonic() - runs_s > PRESS_S:
+                        hand.send('{"clutch": false, "lost": false}')
+                        hand.recv()
+                    time.sleep(0.04)
+        finally:
+            stack.end()
+        self._note(
+            "C on the page", ("up:", "by hand"), began_s, 0, 0, f"{status['job']['state']}: {status['job']['reason']}"
+        )
+        return str(metal.folder / "logs" / status["job"]["log"])
 
     def _note(
         self, person: str, words: tuple[str, ...], began_s: float, status: int | None, wanted: int, said: str,
@@ -137,8 +169,8 @@ def _walk(walk: Walk) -> None:
     metal.end()
     metal.serve(("--desk", "--profile", "honest", "--seed", "3701"))  # foam between the pads
     walk.alone("desk", "start", *own)
-    walk.held("play", "simulated.mcap", "--speed", "0.3", "--cell", kind, "--log", "foam.mcap", statuses=(0, 1))
-    walk.alone("commission", "foam", "--log", "foam.mcap", "--sign", "Anna", *own)
+    log = walk.pressed()
+    walk.alone("commission", "foam", "--log", log, "--sign", "Anna", *own)
     walk.held("teach", "object.mcap", "--speed", "0.15", "--cell", kind)
     walk.alone("commission", "object", "--log", "object.mcap", "--sign", "Anna", *own)
     walk.alone("commission", *own)
