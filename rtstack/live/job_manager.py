@@ -63,7 +63,7 @@ class JobManager(Watchdog):
             raise Refused(f"the cell has no object {asked.object!r}; it has {', '.join(names)}")
         if request.faults and not self._description.simulated:
             raise Refused("only a simulated cell has scripted faults")
-        if reason := self._description.refused.get(asked.verb):
+        if reason := self._description.refusal(asked):
             raise Refused(reason)
         if what := _of_two_arms(asked):
             try:

@@ -340,6 +340,10 @@ class CellDescription:
         """The posture (arms, 7), rad, in which a recording begins."""
         return np.array([arm.home for arm in self.arms])
 
+    def refusal(self, asked: Any) -> str:
+        """Return why the cell refuses a run with this specification, "" where it does not. A shadow moves nothing."""
+        return "" if getattr(asked, "shadow", False) else self.refused.get(asked.verb, "")
+
     def only(self, sides: Collection[str]) -> "CellDescription":
         """Return the description with the arms of these sides alone. Raises ValueError where one is not there."""
         for side in sides:

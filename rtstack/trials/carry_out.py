@@ -60,7 +60,7 @@ class PreparedRun(Generic[R]):
     @property
     def refusal(self) -> str:
         """Why the cell refuses this kind of run, "" where it does not."""
-        return "" if self.shadow else self.description.refused.get(self.specification.verb, "")
+        return self.description.refusal(self.specification)
 
     def look(self, cell: Cell) -> str:
         """Return in one line what is to be known of the open cell before it runs, "" for nothing: what the arms feel at

@@ -59,10 +59,11 @@ def test_a_run_is_held_on_another_page(console):
     page.goto(page.url.split("?")[0].rstrip("/") + "/logs")
     hold = page.locator("#hold")
     expect(hold).to_be_visible()
-    page.keyboard.down("c")
+    hold.hover()
+    page.mouse.down()
     expect(page.locator("#control-light")).to_have_attribute("data-state", "moving")
     page.wait_for_timeout(2000)
-    page.keyboard.up("c")
+    page.mouse.up()
     expect(page.locator("#event")).to_contain_text("the operator let go")
     expect(hold).to_be_hidden()
     assert console.errors == []

@@ -25,14 +25,14 @@ from rich.table import Table
 from rtstack.calibration.points import save_points
 from rtstack.cells import load_description
 from rtstack.cells.commissioning import record_file
+from rtstack.teleoperation.stamp import Sender
 from tests.programs import program
-from tests.support.console.stack import SoakFailed, Stack
+from tests.support.console.stack import Stack
 from tests.support.desk import PASSWORD, USER, desk_address
 from tests.support.metal.metal import Metal
 from tests.support.wrong_cell import Wrongness, built, touched_points
 
 PRESS_S = 12.0  # by the host's clock: some 0.2 m to the object, and against it
-_HELD = '{{"clutch": true, "speed_m_s": 0.1, "deflection": {}}}'
 COMMAND = str(Path(sys.executable).with_name("rtstack"))
 
 
@@ -74,7 +74,7 @@ class Walk:
         began_s = runs_s = time.monotonic()
         metal = self.metal
         arms = ("--left", metal.left, "--right", metal.right, "--cell-file", str(metal.cell_file))
-        stack = Stack(metal.folder / "logs", arms)
+        stack, sender = Stack(metal.folder / "logs", arms), Sender()
         inwards = {"left": [0.0, -0.4, 0.0, 0.0, 0.0, 0.0], "right": [0.0, 0.4, 0.0, 0.0, 0.0, 0.0]}
         try:
             stack.post("take", operator="Anna")
@@ -82,9 +82,8 @@ class Walk:
             stack.post("jobs/teleoperation", object="rice_box", recorded=True, stop_on_release=True)
             with stack.beating(), stack.socket("/api/teleoperation/hand") as hand:
                 while (status := stack.client.get("/api/status").json())["job"]["state"] in ("starting", "running"):
-                    view = json.loads(hand.recv()) if hand.send(_HELD.format(json.dumps(inwards))) is None else {}
-                    if view.get("error"):
-                        raise SoakFailed(view["error"])
+                    hand.send(json.dumps(sender.stamped({"clutch": True, "speed_m_s": 0.1, "deflection": inwards})))
+                    sender.saw(json.loads(hand.recv()))
                     runs_s = time.monotonic() if status["job"]["state"] == "starting" else runs_s
                     if time.monotonic() - runs_s > PRESS_S:
                         hand.send('{"clutch": false, "lost": false}')

@@ -1,5 +1,6 @@
 // The clutch of real arms on the pages without the panel of the hand: a run moves only while the button, or C, is held.
 
+import { Commands } from "./commands.js";
 import { isTextField } from "./stop.js";
 
 const BEAT_MS = 50;
@@ -8,13 +9,14 @@ const ACTIVE = new Set(["starting", "running"]);
 export function startClutch(live) {
   const button = document.getElementById("hold");
   if (button === null) return;
+  const commands = new Commands(live);
   let socket = null;
   let beat = null;
   const say = (message) => socket?.readyState === WebSocket.OPEN && socket.send(JSON.stringify(message));
   const press = () => {
     if (button.hidden || beat !== null) return;
     button.dataset.state = "held";
-    beat = setInterval(() => say({ clutch: true }), BEAT_MS);
+    beat = setInterval(() => say(commands.stamped({ clutch: true })), BEAT_MS);
   };
   const letGo = (lost) => {
     if (beat === null) return;
