@@ -41,6 +41,7 @@ class Hold:
         self._q = np.zeros(7)
         self._count = 0
         self._kept = np.zeros(ticks, ARM_SAMPLE)
+        self._kept.view(np.uint8).fill(0)  # each page is touched before the arm waits for an answer
         self._tau_max = np.array(limits.tau_max)
         self._step = STEP_SHARE * limits.tau_rate_max * CONTROL_PERIOD_S
         self._sample = np.zeros(1, ARM_SAMPLE)

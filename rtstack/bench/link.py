@@ -119,10 +119,7 @@ def bench_link(
     holds = _holds(description, ticks)
     try:
         with realtime_thread() if cell.own_clocks else nullcontext() as obtained:
-            try:
-                return _run(cell, ticks, holds, obtained.scheduler if obtained else "other", stop)
-            finally:
-                cell.stop(at_rest=True)
+            return _run(cell, ticks, holds, obtained.scheduler if obtained else "other", stop)
     finally:
         if record is not None:
             samples = {side: hold.samples for side, hold in zip(cell.sides, holds, strict=True)}
@@ -139,22 +136,25 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
     arms, clock = cell.arms, time.perf_counter_ns
     count, together = [0] * len(arms), tuple(range(len(arms)))
     stamps, arrived, answered, rates = (np.zeros((len(arms), ticks)) for _ in range(4))
-    cell.start()
     with HostWork() as work:
         cycles = CycleLog(cell.cycles, work, ticks, cell.sides)
-        while min(count) < ticks:
-            if stop is not None and stop.stop_requested:
-                raise HoldEnded("the hold was ended before its time: the key was let go, or a stop was asked for")
-            for k in _MASKS[cell.link.wait()] if cell.own_clocks and cell.link is not None else together:
-                state = arms[k].read()
-                now_ns = clock()
-                arms[k].write(holds[k].torque(state))
-                n = count[k]
-                if n < ticks:
-                    arrived[k, n], answered[k, n] = now_ns, clock()
-                    stamps[k, n], rates[k, n] = state.t_ns, state.record["control_command_success_rate"][0]
-                    cycles.take(k, state.t_ns, rates[k, n])
-                    count[k] = n + 1
+        try:
+            cell.start()
+            while min(count) < ticks:
+                if stop is not None and stop.stop_requested:
+                    raise HoldEnded("the hold was ended before its time: the key was let go, or a stop was asked for")
+                for k in _MASKS[cell.link.wait()] if cell.own_clocks and cell.link is not None else together:
+                    state = arms[k].read()
+                    now_ns = clock()
+                    arms[k].write(holds[k].torque(state))
+                    n = count[k]
+                    if n < ticks:
+                        arrived[k, n], answered[k, n] = now_ns, clock()
+                        stamps[k, n], rates[k, n] = state.t_ns, state.record["control_command_success_rate"][0]
+                        cycles.take(k, state.t_ns, rates[k, n])
+                        count[k] = n + 1
+        finally:  # before anything is computed: a robot waits 20 ms for an answer
+            cell.stop(at_rest=True)
     answer_us = (answered - arrived) * 1e-3
     round_trip_us = (arrived[:, 1:] - answered[:, :-1]) * 1e-3
     period_us = np.diff(arrived[0]) * 1e-3
