@@ -38,11 +38,17 @@ COMMAND = str(Path(sys.executable).with_name("rtstack"))
 
 @dataclass(slots=True)
 class Walk:
-    """The commands so far. failed: what did not come out as it should."""
+    """The commands so far. served: options of the robot; failed: what did not come out as it should."""
 
     metal: Metal
+    served: tuple[str, ...]
     rows: list[tuple[str, str, float, str]] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
+
+    @property
+    def slower(self) -> float:
+        """How many times slower than real time the robot runs."""
+        return float(self.served[-1]) if "--slower" in self.served else 1.0
 
     def alone(self, *words: str, status: int = 0) -> str:
         """Give a command that moves nothing; return what it says."""
@@ -76,16 +82,18 @@ class Walk:
         arms = ("--left", metal.left, "--right", metal.right, "--cell-file", str(metal.cell_file))
         stack, sender = Stack(metal.folder / "logs", arms), Sender()
         inwards = {"left": [0.0, -0.4, 0.0, 0.0, 0.0, 0.0], "right": [0.0, 0.4, 0.0, 0.0, 0.0, 0.0]}
+        outwards = {side: [-part for part in way] for side, way in inwards.items()}
         try:
             stack.post("take", operator="Anna")
             stack.post("arm")
             stack.post("jobs/teleoperation", object="rice_box", recorded=True, stop_on_release=True)
             with stack.beating(), stack.socket("/api/teleoperation/hand") as hand:
                 while (status := stack.client.get("/api/status").json())["job"]["state"] in ("starting", "running"):
-                    hand.send(json.dumps(sender.stamped({"clutch": True, "speed_m_s": 0.1, "deflection": inwards})))
+                    way = inwards if time.monotonic() - runs_s < PRESS_S * self.slower else outwards
+                    hand.send(json.dumps(sender.stamped({"clutch": True, "speed_m_s": 0.1, "deflection": way})))
                     sender.saw(json.loads(hand.recv()))
                     runs_s = time.monotonic() if status["job"]["state"] == "starting" else runs_s
-                    if time.monotonic() - runs_s > PRESS_S:
+                    if time.monotonic() - runs_s > 1.8 * PRESS_S * self.slower:
                         hand.send('{"clutch": false, "lost": false}')
                         hand.recv()
                     time.sleep(0.04)
@@ -107,19 +115,21 @@ class Walk:
             self.failed.append(f"{self.rows[-1][0]}: status {status}, expected {wanted}:\n{said}")
 
 
-def main(lockstep: bool = False) -> int:
+def main(lockstep: bool = False, slower: float = 1.0) -> int:
     """Walk, and print the table.
 
     Args:
         lockstep: The robot waits for its answers, where the machine is too busy for real time.
+        slower: How many times slower than real time the robot runs, where the machine has no CPU for the loop alone.
     """
     os.environ["PYTHONPATH"] = str(Path(__file__).parents[2])  # of the programs that are started in the folder
     with TemporaryDirectory() as folder, chdir(folder):
         metal = Metal(Path(folder), lockstep)
         metal.write_file()
         record_file(metal.cell_file).unlink()
-        walk = Walk(metal)
-        metal.serve(("--desk", "--profile", "honest", "--seed", "3701"))
+        served = ("--desk", "--profile", "honest", "--seed", "3701", *(() if lockstep else ("--slower", str(slower))))
+        walk = Walk(metal, served)
+        metal.serve(served)
         try:
             _walk(walk)
         finally:
@@ -161,19 +171,21 @@ def _walk(walk: Walk) -> None:
     walk.alone("teach", "simulated.mcap", "--cell", "direct")
     walk.alone("trial", "--reference", "simulated.mcap", "--cell", kind, *own, status=2)
     metal.end()
-    metal.serve(("--desk", "--profile", "honest", "--seed", "3701", "--object", "none"))  # the table is cleared
+    metal.serve((*walk.served, "--object", "none"))  # the table is cleared
     walk.alone("desk", "start", *own)
     walk.held("play", "simulated.mcap", "--speed", "0.3", "--cell", kind, "--log", "motion.mcap")
     walk.alone("commission", "motion", "--log", "motion.mcap", "--sign", "Anna", *own)
     metal.end()
-    metal.serve(("--desk", "--profile", "honest", "--seed", "3701"))  # foam between the pads
+    metal.serve(walk.served)  # foam between the pads
     walk.alone("desk", "start", *own)
     log = walk.pressed()
     walk.alone("commission", "foam", "--log", log, "--sign", "Anna", *own)
     walk.held("teach", "object.mcap", "--speed", "0.15", "--cell", kind)
     walk.alone("commission", "object", "--log", "object.mcap", "--sign", "Anna", *own)
     walk.alone("commission", *own)
-    walk.held("trial", "--reference", "object.mcap", "--cell", kind, "--log", "trial.mcap")
+    walk.held("teach", "reference.mcap", "--cell", kind)  # at the speed that the shipped monitor was tuned for
+    walk.held("trial", "--reference", "reference.mcap", "--shadow", "--cell", kind, "--log", "shadow.mcap")
+    walk.held("trial", "--reference", "reference.mcap", "--cell", kind, "--log", "trial.mcap")
 
 
 if __name__ == "__main__":
