@@ -3,9 +3,12 @@
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from hal.cell import Cell
+from rtstack.loop.history import Columns
 from rtstack.loop.session import SessionOutcome, SessionPlan
-from rtstack.model.cell_description import CellDescription
+from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
@@ -20,6 +23,9 @@ from rtstack.trials.scoring import SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification, like
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import limits_of_arms
+
+HELD_AFTER_S = 0.2  # the impact
+APART_M = 0.05  # ours: a tracker and a calibration are off by 5 mm at most, and an object tilts between the pads
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +80,40 @@ def run_demonstration(
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         settle = partial(settle_load, description, specification.object, context)
         outcome = run.follow(cell, settle=settle)
-        return run.finished(_result(specification, cell.name, outcome, run))
+        return run.finished(_result(specification, description, cell.name, outcome, run))
+
+
+def _apart(columns: Columns, description: CellDescription, name: str, t_ns: int) -> str | None:
+    """Return in one line where a pad is not at the object that it holds at this robot's time, by bases and tracker."""
+    seen = columns.object[(columns.object["seen"] > 0) & (columns.object["t_ns"] <= t_ns)]
+    if not len(seen):
+        return None
+    place, half = seen["position"][-1], np.array(description.objects[name].size) / 2.0
+    for k, (side, base) in enumerate(zip(description.sides, base_poses(description), strict=True)):
+        now = max(0, int(np.searchsorted(columns.arm["t_ns"][k], t_ns)) - 1)
+        face = (base @ columns.arm["O_T_EE"][k, now])[:3, 3]
+        away = np.abs(face - place) - half
+        if max(away[0], abs(away[1]), away[2]) > APART_M:
+            at, there = (", ".join(f"{1e3 * metres:.0f}" for metres in each) for each in (face, place))
+            return (
+                f"the {side} pad holds the object at ({at}) mm by the cell's file, and the tracker shows it at"
+                f" ({there}) mm: measure bases and tracker again (rtstack calibrate)"
+            )
+    return None
 
 
 def _result(
-    specification: DemonstrationSpecification, cell: str, outcome: SessionOutcome, run: Run
-) -> DemonstrationResult:
+    specification: DemonstrationSpecification, description: CellDescription, cell: str, outcome: SessionOutcome,
+    run: Run,
+) -> DemonstrationResult:  # fmt: skip
     impact_s = run.first_impact_s
     values = score(run.history.columns(), outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())
     reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
     if reason is None and impact_s is None:
         reason = "no impact was detected"
+    if reason is None and impact_s is not None:
+        held_ns = outcome.start_t_ns + round(1e9 * (impact_s + HELD_AFTER_S))
+        reason = _apart(run.history.columns(), description, specification.object, held_ns)
     return like(
         DemonstrationResult, specification, values, outcome, success=reason is None, failure_reason=reason, cell=cell,
         detected_impact_time_s=impact_s, log=run.log_name,
