@@ -42,6 +42,7 @@ class Preview:
         """Simulate a trial, then show it. One that is being simulated is given up for it."""
         self.close()
         asked = like(TrialSpecification, order, reference=str(reference)).as_dict()
+        del asked["shadow"]  # what would be sent is simulated, too
         command = [
             "trial", "--json", "--profile", self._profile,
             "--cell-file", str(self._cell_file),

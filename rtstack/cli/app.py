@@ -26,7 +26,7 @@ COMMANDS = {
     "guide": ("calibrate", "Let a person move both arms by hand, also back from beyond a limit."),
     "wiggle": ("calibrate", "Turn one joint of an arm by a degree and back, so that a person sees which one it is."),
     "calibrate": ("calibrate", "Find bases, tracker, pads and payloads from points that the pads touch."),
-    "commission": ("commission", "Show which steps of commissioning are signed, and which one is next; or sign one."),
+    "commission": ("commission", "Show which steps of commissioning are signed, and which one is next."),
     "review": ("review", "Say what is in a log: result, events, impacts, recomputed from its samples."),
     "replay": ("replay", "Give a log's states to the present controller: does it make the same of them?"),
     "plot": ("plot", "Draw curves of a log, or of up to five above each other; without signals the pads' forces."),

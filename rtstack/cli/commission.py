@@ -30,7 +30,7 @@ def commission(
     sign: Sign = None,
     json: Json = False,
 ) -> None:
-    """Show which steps of commissioning are signed and which one is next; or sign a step that a log shows."""
+    """Show which steps of commissioning are signed, and which one is next. With --log sign one that a log shows."""
     from rtstack.cells import load_description
     from rtstack.cells.commissioning import Commissioning, states
     from rtstack.cells.commissioning import sign as sign_step

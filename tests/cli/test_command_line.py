@@ -110,6 +110,7 @@ WRONG = {
     "guide": ("--cell moon", "unknown cell 'moon'"),
     "wiggle": ("left --cell moon", "unknown cell 'moon'"),
     "calibrate": ("none.toml", "none.toml: cannot be read"),
+    "commission": ("--cell-file none.toml", "none.toml: cannot be read"),
     "desk status": ("", "where is Desk of the boxes?"),
     "desk start": ("", "where is Desk of the boxes?"),
     "desk stop": ("", "where is Desk of the boxes?"),

@@ -16,7 +16,7 @@ from console.campaigns import campaigns, folder
 from console.campaigns.campaigns import NICENESS
 from console.routes.campaigns import REPORT_POLICY
 from rtstack.cli import stack_operator
-from rtstack.experiments import page, progress, report, store
+from rtstack.experiments import progress, report, store
 from rtstack.experiments.registry import plan_file
 from rtstack.live.client import RobotClient
 from tests.support.campaigns import two_controllers
@@ -236,7 +236,7 @@ def test_a_log_that_a_table_names_outside_of_its_folder_is_not_given_away(tmp_pa
 
 def test_names_are_those_of_the_runner():
     assert (folder.DATABASE, folder.PROGRESS, folder.PAUSE) == (store.DATABASE, progress.PROGRESS, stack_operator.PAUSE)
-    assert (folder.PAGE, folder.FIGURES, folder.NUMBERS) == (page.PAGE, report.FIGURES, report.NUMBERS)
+    assert (folder.PAGE, folder.FIGURES, folder.NUMBERS) == (report.PAGE, report.FIGURES, report.NUMBERS)
 
 
 def test_a_plan_of_the_users_own_is_kept_offered_and_run_by_its_name_as_on_the_command_line(
