@@ -27,7 +27,7 @@ from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 _RECORD = struct.Struct("=q56d16d6dd2q")
 assert _RECORD.size == ARM_STATE.itemsize
 REQUEST_PATIENCE_S = 3.0  # a robot acknowledges at once; a machine under load may take a second
-_LATER_STATES = 100  # after a stop, until one shows the end of the motion
+_LATER_STATES = 2000  # after a stop, until one shows the end of the motion: a box whose states stand still for 2 s
 _KINDS = (socket.SOCK_DGRAM, socket.SOCK_STREAM)
 
 
