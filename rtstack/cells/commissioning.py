@@ -225,7 +225,9 @@ class Commissioning:
         own = FORCES_BY_PHASE | description.safety
         tighter = {key: np.minimum(own.get(key, most), most).tolist() for key, most in cap.items()}
         slow = replace(description.start_motion, speed_rad_s=min(_START_RAD_S, description.start_motion.speed_rad_s))
-        return replace(description, safety=description.safety | tighter, start_motion=slow, refused=refused)
+        return replace(
+            description, safety=description.safety | tighter, start_motion=slow, refused=refused, commissioning=line
+        )
 
 
 def _sound(state: StepState) -> bool:

@@ -12,6 +12,7 @@ from rtstack.cli.options import CellFile, Json, Sign
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
+    from rtstack.cells.commissioning import StepState
     from rtstack.model.cell_description import CellDescription
 
 commands = typer.Typer()
@@ -59,13 +60,11 @@ def commission(
     _print(found.states, description.name, found.line)
 
 
-def _print(states: "tuple[object, ...]", name: str, line: str) -> None:
-    from rtstack.cells.commissioning import StepState
+def _print(states: "tuple[StepState, ...]", name: str, line: str) -> None:
     from rtstack.cli.tables import print_table
 
     rows = []
     for each in states:
-        assert isinstance(each, StepState)
         signed = "" if each.signature is None else f"{each.signature.by}, {each.signature.at:%Y-%m-%d %H:%M} UTC"
         state = "signed" if each.done else f"open: changed {', '.join(each.changed)}" if each.changed else "open"
         rows.append((each.step.name, each.step.what, state, signed))

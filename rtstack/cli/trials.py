@@ -201,8 +201,8 @@ def trial(
 
 
 def _trial_line(result: "TrialResult") -> str:
-    outcome = "success" if result.success else f"failed: {result.failure_reason}"
-    outcome = outcome.replace("failed: shadow", "shadow")
+    reason = result.failure_reason or ""
+    outcome = "success" if result.success else reason if reason.startswith("shadow: ") else f"failed: {reason}"
     detected = result.detected_impact_time_s
     impact = "none" if detected is None else f"{detected:.3f} s"
     verdict = result.impact_verdict or "not watched"

@@ -267,7 +267,8 @@ class CellDescription:
     enforce_realtime: real arms, not those on this machine, are refused on a kernel that is not real-time. calibration:
     needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the file that
     `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder. refused: kinds of run that are
-    not allowed on this cell, each with the reason; see rtstack.cells.commissioning. countdown_s: audible seconds before
+    not allowed on this cell, each with the reason; see rtstack.cells.commissioning, which also sets
+    commissioning: what is capped and what is next. countdown_s: audible seconds before
     each motion of real arms.
     """
 
@@ -290,6 +291,7 @@ class CellDescription:
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
     refused: dict[str, str] = field(default_factory=dict)
+    commissioning: str = ""
     countdown_s: Annotated[int, Field(ge=0, le=30)] = 0
     cameras: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,15}$")], CameraDescription] = field(
         default_factory=dict

@@ -33,6 +33,7 @@ LARGEST_VELOCITY_SHARE = 0.5
 CONTROL_TORQUE_FRACTION = 0.999  # the solver's answers are exact to 1e-4 Nm
 CONTROL_MEASURED_FRACTION = 0.9  # the measured torque swings about the commanded one, as a plan counts on, too
 CONTROL_RATE_FRACTION = 1.0 - 2e-4
+CONTROL_PAD_SPEED_FRACTION = 0.8  # ours: the arms swing about their command
 # how fast a joint comes to a line: its distance from the line falls with this time constant at most. A torque that
 # falls by 1000 Nm/s keeps up where the acceleration that ends takes up to 40 Nm; at 0.01 s the plant's joints swing
 APPROACH_S = 0.02

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.limits import CONTROL_PAD_SPEED_FRACTION, SafetyLimits
 
 SLOWEST_M_S, FASTEST_M_S, SPEED_M_S = 0.05, 0.4, 0.2
-SPEED_SHARE = 0.8  # of the judge's limit: the arms swing about their command
 TURN_RAD_M = 2.5  # of the speed: an end effector at 0.4 m/s turns at 1 rad/s at most
 SOFTEST_N_M, HARDEST_N_M, STIFFNESS_N_M = 100.0, 600.0, 300.0  # the last one: K_r of the reference-spreading paper
 AHEAD_M, AHEAD_RAD = 0.25, 0.8  # of the command: what is further away is a jump, and is not followed
@@ -33,6 +32,6 @@ class Reach:
     @classmethod
     def within(cls, limits: SafetyLimits) -> "Reach":
         """Return the judge's box and speed, a margin inside."""
-        fastest = min(FASTEST_M_S, SPEED_SHARE * limits.ee_speed_max)
+        fastest = min(FASTEST_M_S, CONTROL_PAD_SPEED_FRACTION * limits.ee_speed_max)
         below = (INSIDE_M, INSIDE_M, INSIDE_FLOOR_M)
         return cls(np.array(limits.ee_lower) + below, np.array(limits.ee_upper) - INSIDE_M, fastest)

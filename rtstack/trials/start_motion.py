@@ -28,7 +28,7 @@ from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDe
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.model.rotation import log_so3
 from rtstack.safety.guided import reaching, standing
-from rtstack.safety.limits import PairLimits
+from rtstack.safety.limits import CONTROL_PAD_SPEED_FRACTION, PairLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
@@ -63,8 +63,7 @@ CLEAR_OF_EACH_OTHER_M = 0.05
 DIP_M = 0.001  # a straight way in the joints is none in space
 LOOKS = 60  # along the way
 NEWTON_STEPS = 20
-SPEED_SHARE = 0.8  # of the judge's limit of the pad's speed: the arms swing about their way
-# of a pad, m/s: at 0.16 it met a table that stood 30 mm higher than the file says with 86 N before the judge's stop
+# A pad is no faster, m/s: at 0.16 one met a table 30 mm higher than the file says with 86 N before the judge's stop
 SLOW_M_S = 0.1
 SETTLE_S = 0.3  # the arms come to rest at the end of the way
 REACH_M = 0.01  # a straight way in the joints is none in space
@@ -222,7 +221,7 @@ def start_motion(
         arm, joint = np.argwhere(outside)[0]
         raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {sides[arm]} arm")
     path = JointPath.between(now, goal, limits)
-    fastest = min(SLOW_M_S, *(SPEED_SHARE * own.ee_speed_max for own in limits_of_arms(description)))
+    fastest = min(SLOW_M_S, *(CONTROL_PAD_SPEED_FRACTION * own.ee_speed_max for own in limits_of_arms(description)))
     path = replace(path, duration_s=path.duration_s * max(1.0, _pad_speed(path, arms) / fastest))
     thing = None if place is None else _box(place, displacement.yaw_rad, description.objects[object_name])
     _look_along(path, arms, description, thing)

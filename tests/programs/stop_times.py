@@ -18,10 +18,8 @@ import json
 import os
 import random
 import re
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -43,6 +41,7 @@ from tests.programs import choose, program
 from tests.programs.dead_man import ALLOWED_MS, BETWEEN_S, TRIES, click_on
 from tests.support.console.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
 from tests.support.console.stack import SoakFailed
+from tests.support.log.same_log import busy_loops
 from tests.support.metal.metal import Metal
 from tests.support.metal.watched_robot import KEPT
 from tests.support.terminal import REPEATED_S
@@ -265,18 +264,6 @@ class Bench:
             metal.end()
 
 
-@contextlib.contextmanager
-def busy(number: int) -> Iterator[None]:
-    """Have so many processes compute meanwhile."""
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
-    try:
-        yield
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
-
-
 def show(stops: dict[str, list[dict]]) -> list[dict]:
     """Print the table; return its rows."""
     rows = []
@@ -311,7 +298,7 @@ def main(
         bench = Bench(playwright, Path(folder), drawn)
         try:
             for name in loads:
-                with busy(LOADS[name]):
+                with busy_loops(LOADS[name]):
                     for each in (each for each in WAYS if each.name in names):
                         measured = stops.setdefault(f"{each.name} | {name}", [])
                         missed = 0

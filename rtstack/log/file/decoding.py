@@ -51,7 +51,7 @@ class TopicDecoder:
         records = np.zeros(len(t_ns), self._record)
         rest = np.ones(len(t_ns), np.bool_)
         if self._learns and len(t_ns):
-            # of another version's messages, of which the first one tells the format
+            # another version wrote these messages: the first one shows their format
             message, descriptor = self._parsed(data[start[0] : start[0] + size[0]]), self._message.DESCRIPTOR
             counts = {each.name: len(getattr(message, each.name)) for each in descriptor.fields if each.is_repeated}
             self._wire, self._learns = wire_format_of(self._ours, descriptor, counts), False

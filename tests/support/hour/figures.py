@@ -73,7 +73,7 @@ def rest(rows: Rows, model: ArmModel) -> dict[str, Any]:
         "payload_off_kg": kg, "payload_left_nm": left_nm,
         "tau_J_minus_gravity_nm": state["tau_J"].mean(axis=0) - model.g,
         "tau_J_sd_nm": state["tau_J"].std(axis=0), "dq_sd_rad_s": state["dq"].std(axis=0),
-        # of a first-order low-pass that white noise went through: a bound, where the noise is not white
+        # Assumes white noise behind a first-order low-pass; a bound where the noise is not white
         "estimate_filter_ms": np.where(rho > 0.05, -1.0 / np.log(np.clip(rho, 1e-3, 0.99999)), np.nan),
         "success_rate_idle": float(state["control_command_success_rate"].max()),
     }  # fmt: skip

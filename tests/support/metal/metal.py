@@ -22,7 +22,7 @@ from tests.support.network.namespaces import Namespace
 from tests.support.real_cell import write_cell_file
 from tests.support.terminal import Terminal
 
-# of the command in lockstep: no watchdog of the time of day, since the machine may be slow
+# A command in lockstep has no watchdog of the time of day, since the machine may be slow
 _PATIENT = """
 import hal.fci.pair, rtstack.loop.watchdogs
 hal.fci.pair.STALE_S = hal.fci.pair.STALE_IN_LOCKSTEP_S

@@ -287,7 +287,7 @@ WRONG = (
     Setup("two operators; the second one presses STOP", METAL, page=_second_operator),
     Setup("console's process stands still for 3 s", METAL, page=_console_frozen),
     Setup("StopMove rejected by the box", METAL, robot=_STOP_REJECTED, let_go_ms=_FIRST_STATES),
-    # of our own
+    # these are not in the published list
     Setup("FCI off on Desk", desk="off"),
     Setup("no serial number at a real address", real_address=True),
     Setup("pads of bare metal, friction 0.05", scene=((r"friction = 0\.9", "friction = 0.05"),)),
