@@ -10,7 +10,7 @@ from typing import Any
 from rtstack.log.errors import LogError
 from rtstack.log.writing.job import values_of
 from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry
-from rtstack.log_folder.remarks import Remarks, load_remarks
+from rtstack.log_folder.remarks import EpisodeVerdict, Remarks, load_remarks
 from rtstack.monitor.records import Verdict
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
 
@@ -32,8 +32,9 @@ class Ending(StrEnum):
 class LogRow:
     """One log. `ending` in a word, `outcome` in one line; `when` is Unix time of the last change, s.
 
-    recording: a trial may follow it; title and decision: a person's, for a recording. starred, tags and note: a
-    person's, for any log. law_inertia: the mass matrix of the controller's law, None if the log names none.
+    recording: a trial may follow it; title and decision: a person's, for a recording. starred, tags, note and
+    episode_verdict: a person's, for any log. law_inertia: the mass matrix of the controller's law, None if the log
+    names none.
     """
 
     id: str
@@ -60,6 +61,7 @@ class LogRow:
     ending: Ending
     starred: bool
     tags: tuple[str, ...]
+    episode_verdict: EpisodeVerdict | None = None
 
 
 class NoReference(Exception):
@@ -99,6 +101,7 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         title=acceptance.name if acceptance is not None else "",
         decision=str(acceptance.verdict) if acceptance is not None else None,
         law_inertia=(entry.trial or {}).get("law_inertia"), starred=remarks.starred, tags=remarks.tags,
+        episode_verdict=remarks.verdict,
     )  # fmt: skip
 
 

@@ -1,9 +1,10 @@
-"""What people say about a log: that they reviewed it, a star, tags, a note. Small files beside it: a finished log is
-never written again."""
+"""What people say about a log: that they reviewed it, a verdict, a star, tags, a note. Small files beside it: a
+finished log is never written again."""
 
 import json
 import time
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -24,13 +25,23 @@ MOST_TAGS = 16
 Tag = Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[^\p{C}\p{Z},]*$")]
 
 
+class EpisodeVerdict(StrEnum):
+    """What a person decided about a run straight after it."""
+
+    KEPT = "kept"  # use it, whatever the run's own result says
+    FAILED = "failed"  # the task was not done; keep it as an example of that
+    DISCARD = "discard"  # leave it out of data sets
+
+
 @checked(frozen=True, slots=True, config=STRICT)
 class Remarks:
-    """starred: it stays, whatever is pruned. tags: words that group logs; note: a few lines of text."""
+    """starred: it stays, whatever is pruned. tags: words that group logs; note: a few lines of text. verdict: None where
+    it was not given."""
 
     starred: StrictBool = False
     tags: Annotated[tuple[Tag, ...], Field(max_length=MOST_TAGS)] = ()
     note: Annotated[str, Field(max_length=2000)] = ""
+    verdict: EpisodeVerdict | None = None
 
 
 def load_remarks(log: Path) -> Remarks:
@@ -42,7 +53,8 @@ def save_remarks(log: Path, remarks: Remarks) -> None:
     """Keep what is said about a log: whole, or not at all. Nothing to say is no file. Raises LogError."""
     if not log.is_file():
         raise LogError(f"{log}: there is no such log")
-    text = "" if remarks == Remarks() else json.dumps(asdict(remarks), indent=1, ensure_ascii=False)
+    said = {name: value for name, value in asdict(remarks).items() if value is not None}  # as versions before wrote it
+    text = "" if remarks == Remarks() else json.dumps(said, indent=1, ensure_ascii=False)
     keep_beside(log.with_name(log.name + SUFFIX), text, LogError)
 
 

@@ -67,10 +67,15 @@ def test_a_star_tags_and_a_note_stand_beside_the_log_and_are_found(keeper):
     beside = keeper.served.logs / "log1.mcap.remarks.json"
     assert json.loads(beside.read_text()) == said
     assert keeper.names(q="figure-5") == keeper.names(q="slipped") == keeper.names(q="starred:true") == {"log1"}
+    row = keeper.post(f"logs/{log_id}/remarks", **said, verdict="discard").json()
+    assert (row["episode_verdict"], row["verdict"]) == ("discard", None)  # a person's, and the monitor's
+    assert json.loads(beside.read_text()) == {**said, "verdict": "discard"}
+    assert keeper.names(q="verdict:discard") == {"log1"}
     log = keeper.served.logs / "log1.mcap"
     mark_reviewed(log, "anna")
     assert not may_go(log)  # a star keeps it
-    for wrong in ({"tags": ["two words"]}, {"tags": ["x"] * 17}, {"note": "n" * 2001}, {"stars": 3}, {"starred": 0}):
+    for wrong in ({"tags": ["two words"]}, {"tags": ["x"] * 17}, {"note": "n" * 2001}, {"stars": 3}, {"starred": 0},
+                  {"verdict": "good"}, {"verdict": ""}):  # fmt: skip
         assert keeper.post(f"logs/{log_id}/remarks", **wrong).status_code == 422, wrong
     assert keeper.post(f"logs/{log_id}/remarks").json()["starred"] is False
     assert not beside.exists()  # nothing to say is no file
