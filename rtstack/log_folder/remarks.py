@@ -35,8 +35,8 @@ class EpisodeVerdict(StrEnum):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Remarks:
-    """starred: it stays, whatever is pruned. tags: words that group logs; note: a few lines of text. verdict: None where
-    it was not given."""
+    """starred: it stays, whatever is pruned. tags: words that group logs; note: a few lines of text. verdict: None
+    where it was not given."""
 
     starred: StrictBool = False
     tags: Annotated[tuple[Tag, ...], Field(max_length=MOST_TAGS)] = ()
