@@ -17,7 +17,7 @@ from rtstack.log.file.container import is_complete, open_mcap, scan
 from rtstack.log.reader import read_log
 
 CACHE = "catalogue.sqlite"
-_VERSION = 1  # of the table: another one is thrown away and rebuilt
+_VERSION = 2  # of the table: another one is thrown away and rebuilt
 
 
 class LogCondition(StrEnum):
@@ -32,7 +32,8 @@ class LogCondition(StrEnum):
 class LogEntry:
     """One file of the directory. `id` is opaque and stays the same while the file grows.
 
-    trial and result: the metadata records of these names, values as the log has them, None without one.
+    trial and result: the metadata records of these names, values as the log has them, None without one. recorded: the
+    time of day that its metadata record `time` begins with, ISO 8601, UTC; None without one.
     """
 
     id: str
@@ -43,6 +44,7 @@ class LogEntry:
     size_bytes: int
     modified_s: float
     condition: LogCondition
+    recorded: str | None = None
 
 
 class Catalogue:
@@ -87,6 +89,12 @@ class Catalogue:
         except UnicodeEncodeError:
             return False
         return path.is_file() and (not path.is_symlink() or path.resolve().is_relative_to(self.directory.resolve()))
+
+
+def entry_of(path: Path) -> LogEntry:
+    """Return what a list of logs would know of a file. Raises OSError where there is none."""
+    with contextlib.closing(_prepared(":memory:")) as cache:
+        return _entry(path, None, cache)
 
 
 def _open(path: Path, patience_s: float) -> sqlite3.Connection:
@@ -137,13 +145,13 @@ def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEnt
         condition, metadata = _read(path)
         trial = metadata.get("trial")
         content = {"condition": condition, "kind": (trial or {}).get("kind", "trial"), "trial": trial}
-        content["result"] = metadata.get("result")
+        content |= {"result": metadata.get("result"), "recorded": metadata.get("time", {}).get("utc")}
         row = (path.name, status.st_size, status.st_mtime_ns, json.dumps(content))
         cache.execute("INSERT OR REPLACE INTO logs VALUES (?, ?, ?, ?)", row)
     log_id = hashlib.blake2b(path.name.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest()
     return LogEntry(
         log_id, path, content["kind"], content["trial"], content["result"], status.st_size, status.st_mtime_ns * 1e-9,
-        LogCondition(content["condition"]),
+        LogCondition(content["condition"]), content["recorded"],
     )  # fmt: skip
 
 

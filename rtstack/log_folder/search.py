@@ -1,8 +1,10 @@
 """Search in the list of logs: every word has to be somewhere in what is known of a log.
 
 A word is looked for in the name, the date, the row, and all of the metadata; `key:word` only where the key's name
-contains it: seed:3, object:rice, controller:proposed. A range such as force>30 or size<=20 is asked of numbers whose
-key's name contains the word before it; a range that asks of nothing that a log has is refused.
+contains it: seed:3, object:rice, controller:proposed. `key=value` needs the whole value of exactly that key:
+object=rice_box, tag=figure-5. A range such as force>30 or size<=20 is asked of numbers whose key's name contains the
+word before it; a range that asks of nothing that a log has is refused. date>=2026-11-26T08:00 is UTC, of the time of
+day that the log itself has.
 """
 
 import contextlib
@@ -11,7 +13,9 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
+from functools import cached_property
 from typing import Any
 
 from rtstack.log.writing.job import values_of
@@ -33,50 +37,133 @@ class Outcome(StrEnum):
     NONE = "none"
 
 
-_RANGE = re.compile(r"(?P<key>[a-z0-9_]*)(?P<sign>[<>]=?)(?P<number>.*)")
+DATE = "recorded_utc"  # the key of the time of day that a log has, UTC
+_CONDITION = re.compile(r"(?P<key>[a-z0-9_]*)(?P<sign>[<>]=?|=)(?P<value>.*)")
 _SIGNS: dict[str, Callable[[float, float], bool]] = {
-    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "=": operator.eq
 }  # fmt: skip
 # words of the tables' headings, with the columns that they head; sizes in MB, as they are shown
 _HEADED = {
     "shift": "displacement_mm", "force": "average_force_norm", "force_norm": "average_force_norm",
-    "lift": "max_lift_mm", "size": "size_mb",
+    "lift": "max_lift_mm", "size": "size_mb", "date": DATE,
 }  # fmt: skip
+_SAME = {"verdict": ("verdict", "episode_verdict"), "tags": ("tag",)}  # keys that one word asks for
+_EXAMPLE = {DATE: "a date is UTC as in date>=2026-11-26 or date<2026-11-26T08:30"}
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Key, in lower case, and value of everything that is known of a log."""
+
+    pairs: tuple[tuple[str, Any], ...]
+
+    @classmethod
+    def of(cls, entry: LogEntry, row: LogRow) -> "Facts":
+        """Return what is known of a log, by its entry and its row."""
+        when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
+        pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6), *asdict(row).items()]
+        pairs += [(DATE, entry.recorded), *(("tag", tag) for tag in row.tags)]
+        for record in (entry.trial, entry.result):
+            pairs += (record or {}).items()
+            nested = [value for value in values_of(record).values() if isinstance(value, dict)]
+            pairs += [inner for value in nested for inner in value.items()]
+        return cls(tuple((key.lower(), value) for key, value in pairs if value is not None))
+
+    @cached_property
+    def texts(self) -> tuple[tuple[str, str], ...]:
+        """All values as texts in lower case; one with underscores a second time, with spaces."""
+        texts = [(key, str(value).lower()) for key, value in self.pairs]
+        return *texts, *((key, text.replace("_", " ")) for key, text in texts if "_" in text)
+
+    @cached_property
+    def numbers(self) -> tuple[tuple[str, float], ...]:
+        """Those of them that are numbers, also as text; truth values are none. The date is Unix time, s."""
+        numbers = []
+        for key, value in self.pairs:
+            if isinstance(value, bool) or not isinstance(value, int | float | str):
+                continue
+            with contextlib.suppress(ValueError):
+                numbers.append((key, _number(key, str(value))))
+        return tuple(numbers)
+
+
+def _number(key: str, text: str) -> float:
+    """Return a number as it is written; of the date, UTC, the Unix time, s. Raises ValueError."""
+    if key != DATE:
+        return float(text)
+    found = datetime.fromisoformat(text.upper())
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
-    """One number that is asked for: force>30. word: as it was written."""
+class Condition:
+    """What a log has to have: a word as it was written, or (sign) a value of a key. number: of value, where it is one;
+    NaN where it is none."""
 
     word: str
-    key: str
-    holds: Callable[[float, float], bool]
-    number: float
+    key: str = ""
+    sign: str = ""
+    value: str = ""
+    number: float = float("nan")
 
-    def matches(self, numbers: Sequence[tuple[str, float]]) -> bool | None:
-        """Whether one of a log's numbers with such a key is in the range; None where it has none."""
+    @property
+    def is_range(self) -> bool:
+        """Whether it asks for a number in a range."""
+        return self.sign not in ("", "=")
+
+    def known(self, facts: Facts) -> list[Any]:
+        """Return what a log has that a value is compared with: numbers for a range, else texts."""
         wanted = _HEADED.get(self.key, self.key)
-        exact = [value for key, value in numbers if key == wanted]
-        asked = exact or [value for key, value in numbers if wanted in key]
-        return any(self.holds(value, self.number) for value in asked) if asked else None
+        if self.is_range:
+            exact = [number for key, number in facts.numbers if key == wanted]
+            return exact or [number for key, number in facts.numbers if wanted in key]
+        keys = _SAME.get(wanted, (wanted,))
+        return [text for key, text in facts.texts if key in keys]
+
+    def lacking(self, facts: Facts) -> str | None:
+        """Return in words why a log does not meet this, None where it does."""
+        if not self.sign:
+            key, colon, wanted = self.word.partition(":")
+            if any(self.word in text for _, text in facts.texts):
+                return None
+            if colon and key and any(key in name and wanted in text for name, text in facts.texts):
+                return None
+            return f"it has no {self.word}"
+        known = self.known(facts)
+        if not known:
+            return "it has no time of day" if self.key == "date" else f"it has no {self.key}"
+        holds = _SIGNS[self.sign]
+        if any(holds(each, self.number) for each in known) if self.is_range else any(map(self._equals, known)):
+            return None
+        said = ", ".join(dict.fromkeys(map(str, known[:3])))
+        if self.key == "date":
+            said = ", ".join(text for key, text in facts.texts if key == DATE)
+        return f"{self.key} is {said}, not {self.word.removeprefix(self.key).removeprefix('=')}"
+
+    def _equals(self, text: str) -> bool:
+        if self.key == "date":
+            return text.startswith(self.value)  # of a day, or an hour
+        with contextlib.suppress(ValueError):
+            return float(text) == self.number or text == self.value
+        return text == self.value
 
 
-def parsed(query: str) -> tuple[list[str], list[Range]]:
-    """Return what a query asks for: words, and ranges of numbers. Raises FilterRefused."""
-    words, ranges = [], []
+def parsed(query: str) -> list[Condition]:
+    """Return what a query asks for. Raises FilterRefused."""
+    conditions = []
     for word in query.lower().split():
-        found = _RANGE.fullmatch(word)
+        found = _CONDITION.fullmatch(word)
         if found is None:
-            words.append(word)
+            conditions.append(Condition(word))
             continue
-        try:
-            number = float(found["number"])
-        except ValueError:
-            number = float("nan")
-        if not found["key"] or number != number:
-            raise FilterRefused(f"q: {word}: a range is a name, a sign and a number without spaces, such as force>30")
-        ranges.append(Range(word, found["key"], _SIGNS[found["sign"]], number))
-    return words, ranges
+        key, sign, number = found["key"], found["sign"], float("nan")
+        with contextlib.suppress(ValueError):
+            number = _number(_HEADED.get(key, key), found["value"])
+        if not key or not found["value"] or (sign != "=" and number != number):
+            text = "a range is a name, a sign and a number without spaces, such as force>30"
+            raise FilterRefused(f"q: {word}: {_EXAMPLE.get(_HEADED.get(key, key), text)}")
+        conditions.append(Condition(word, key, sign, found["value"], number))
+    return conditions
 
 
 class SortKey(StrEnum):
@@ -99,20 +186,17 @@ class SortKey(StrEnum):
 
 def search(pairs: Sequence[tuple[LogEntry, LogRow]], query: str, outcome: Outcome) -> list[LogRow]:
     """Return the rows of the logs that are looked for. Raises FilterRefused, also for a number that no log has."""
-    words, ranges = parsed(query)
-    known = [(row, _known(entry, row) if query.strip() else []) for entry, row in pairs]
-    numbers = [_numbers(values) for _, values in known] if ranges else [[]] * len(known)
-    rows = [
-        row
-        for (row, values), own in zip(known, numbers, strict=True)
-        if _came_out(row, outcome) and _has_words(words, values) and all(each.matches(own) for each in ranges)
-    ]
-    for each in ranges:
-        if known and all(each.matches(own) is None for own in numbers):
+    conditions = parsed(query)
+    known = [(row, Facts.of(entry, row) if conditions else Facts(())) for entry, row in pairs]
+    for each in conditions:
+        if each.is_range and known and each.key != "date" and not any(each.known(facts) for _, facts in known):
             raise FilterRefused(
                 f"q: {each.word}: no log has a number {each.key}; try force, lift, shift, seed, size (MB)"
             )
-    return rows
+    return [
+        row for row, facts in known
+        if _came_out(row, outcome) and all(each.lacking(facts) is None for each in conditions)
+    ]  # fmt: skip
 
 
 def _came_out(row: LogRow, outcome: Outcome) -> bool:
@@ -123,44 +207,6 @@ def _came_out(row: LogRow, outcome: Outcome) -> bool:
             return row.verdict == "unexpected"
         case _:
             return outcome is {True: Outcome.SUCCESS, False: Outcome.FAILURE, None: Outcome.NONE}[row.success]
-
-
-def _has_words(words: Sequence[str], known: list[tuple[str, Any]]) -> bool:
-    """An underscore may be written as a space or as it is, all in lower case."""
-    if not words:
-        return True
-    texts = [(key, str(value).lower()) for key, value in known]
-    texts += [(key, text.replace("_", " ")) for key, text in texts if "_" in text]
-    everything = "\n".join(text for _, text in texts)
-    return all(_matches(word, texts, everything) for word in words)
-
-
-def _matches(word: str, known: list[tuple[str, str]], everything: str) -> bool:
-    if word in everything:
-        return True
-    key, colon, wanted = word.partition(":")
-    return bool(colon and key) and any(key in name and wanted in text for name, text in known)
-
-
-def _known(entry: LogEntry, row: LogRow) -> list[tuple[str, Any]]:
-    """Key and value of everything that is known of a log."""
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
-    pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6), *asdict(row).items()]
-    for record in (entry.trial, entry.result):
-        pairs += (record or {}).items()
-        pairs += [inner for value in values_of(record).values() if isinstance(value, dict) for inner in value.items()]
-    return [(key.lower(), value) for key, value in pairs if value is not None]
-
-
-def _numbers(known: Sequence[tuple[str, Any]]) -> list[tuple[str, float]]:
-    """Those of them that are numbers, also as text; truth values are none."""
-    numbers = []
-    for key, value in known:
-        if isinstance(value, bool) or not isinstance(value, int | float | str):
-            continue
-        with contextlib.suppress(ValueError):
-            numbers.append((key, float(value)))
-    return numbers
 
 
 def ordered(rows: Sequence[LogRow], key: SortKey, descending: bool) -> list[LogRow]:
