@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError
+from rtstack.log.time_of_day import TIMES
 from rtstack.topics import TOPICS
 
 CAPACITY = 8192  # records, 8 s at 1 kHz: what a start-up of the log process takes, several times over
 _DIRECTORY = "/dev/shm"  # shm_overview(7): where Linux keeps named shared memory
-_MAGIC = b"rtrings1"
+_MAGIC = b"rtrings2"
 _CACHE_LINE = 64
 
 
@@ -35,7 +36,10 @@ class LogState(IntEnum):
     FINISHED = 3
 
 
-_CONTROL = np.dtype([("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("messages", "i8"), ("error", "S480")])
+# 512 bytes, whole cache lines
+_CONTROL = np.dtype(
+    [("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("messages", "i8"), ("times", TIMES), ("error", "S408")]
+)
 # the writer's word and the log process's words on cache lines of their own
 _TOPIC = np.dtype({
     "names": ["capacity", "itemsize", "head", "consumed", "lost"], "formats": ["i8"] * 5,
@@ -270,6 +274,11 @@ class Rings:
     @messages.setter
     def messages(self, count: int) -> None:
         self._control["messages"] = count
+
+    @property
+    def times(self) -> NDArray[np.void]:
+        """The log's pairs of robot's time and time of day, TIMES (1,): a view."""
+        return self._control["times"]
 
     @property
     def closing(self) -> bool:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hal.base.files import replacing
 from hal.base.realtime import obtainable
 from hal.cell import Cell
@@ -14,6 +16,7 @@ from hal.robots import FR3
 from rtstack.cameras.start import Cameras
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
+from rtstack.log.time_of_day import TIMES, begun, take_pair
 from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
 from rtstack.log.writing.mcap_writer import McapWriter
@@ -64,6 +67,9 @@ class RunLog:
 
     def wait_for_room(self) -> None:
         """Between two ticks: wait, where the run may, until there is room for more samples. Never raises."""
+
+    def note_time(self, t_ns: int, compute_us: float) -> None:
+        """Between two ticks: pair the newest state's time with the time of day: see take_pair. Never waits."""
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the result. Returns None, or in one line why the log is not complete."""
@@ -134,6 +140,9 @@ class TrialLog(RunLog):
             except LogError:
                 self._hang(self._process.trouble or f"its process has read nothing for {HANG_S:g} s")
 
+    def note_time(self, t_ns: int, compute_us: float) -> None:
+        take_pair(self.rings.times, t_ns, compute_us)
+
     def _hang(self, trouble: str) -> None:
         self._trouble, self._hangs = trouble, True
 
@@ -179,6 +188,10 @@ class WholeRunLog(RunSamples):
         self._metadata = metadata
         self._attachments = attachments
         self._frames = frames
+        self._times = begun(np.zeros(1, TIMES), simulated=True)
+
+    def note_time(self, t_ns: int, compute_us: float) -> None:
+        take_pair(self._times, t_ns, compute_us)
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the file. Returns None, or in one line why there is none. `columns` are the samples from now on."""
@@ -186,7 +199,7 @@ class WholeRunLog(RunSamples):
         try:
             # under a name of its own: a worker that was cut off may still write what another one has taken over
             with replacing(self.path) as partial, open(partial, "wb") as file:
-                writer = McapWriter(file, scenery=Scenery(self._frames))
+                writer = McapWriter(file, scenery=Scenery(self._frames), times=self._times)
                 writer.begin(self._metadata.items(), self._attachments)
                 if self.history is not None:
                     writer.write(self.history.batches())
@@ -226,6 +239,7 @@ def open_log(
     except OSError as error:
         raise LogError(f"cannot read the reference: {error.filename}: {error.strerror}") from None
     rings = Rings.create()
+    begun(rings.times, lockstep)
     cameras = Cameras(description, cell_file, specification.object, rings) if description.cameras else None
     try:
         process = LogProcess.start(
@@ -247,8 +261,8 @@ def open_log(
 
 
 def free_name(logs: Path, stem: str) -> Path:
-    """Return where the log of a run goes: by the time and its kind; an existing file is never taken."""
-    path = logs / f"{time.strftime('%Y%m%d-%H%M%S')}-{stem}.mcap"
+    """Return where the log of a run goes: by the time, UTC, and its kind; an existing file is never taken."""
+    path = logs / f"{time.strftime('%Y%m%d-%H%M%SZ', time.gmtime())}-{stem}.mcap"
     number, first = 2, path.stem
     while path.exists():
         path, number = logs / f"{first}-{number}.mcap", number + 1

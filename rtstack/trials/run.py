@@ -295,6 +295,9 @@ class Run:
         if self.between is not None:
             self.between(index)
         if index % ROOM_TICKS == 0 and self._log is not None:
+            if self._publisher is not None:
+                timing = self._publisher.timing[0]
+                self._log.note_time(int(timing["t_ns"]), float(timing["compute_us"]))
             self._log.wait_for_room()
         if self._context.progress is not None and index % PROGRESS_TICKS == 0:
             if self._plan.source is None:

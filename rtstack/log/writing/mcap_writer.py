@@ -10,6 +10,7 @@ import numpy as np
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from numpy.typing import NDArray
 
+from rtstack.log.time_of_day import RECORD, time_record
 from rtstack.log.viewers.scenery import Messages, Scenery, scenery_schemas
 from rtstack.log.viewers.standard import STANDARD
 from rtstack.log.writing.encoding import sample_descriptors, wire_format
@@ -53,9 +54,13 @@ class McapWriter:
     """
 
     def __init__(
-        self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}, scenery: Scenery | None = None
-    ) -> None:
-        """pictures: the topics of cameras. scenery: makes messages for viewers of the records."""
+        self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}, scenery: Scenery | None = None,
+        times: NDArray[np.void] | None = None,
+    ) -> None:  # fmt: skip
+        """pictures: the topics of cameras. scenery: makes messages for viewers of the records.
+
+        times: the run's TIMES (1,), of which the log has a metadata record, None where it is no recording.
+        """
         self._file = _File(file)
         self._scenery = scenery
         # kept here: the channels hold no reference to their context, and fall silent without it
@@ -74,6 +79,7 @@ class McapWriter:
         self._flushed_wall_ns = time.monotonic_ns()
         self._flushed_log_ns: int | None = None
         self._dirty = False
+        self._times, self._timed = times if times is not None and times["opened_ns"][0] else None, False
 
     def begin(self, metadata: Iterable[tuple[str, dict[str, str]]], attachments: Iterable[Attachment]) -> None:
         """Write what a log begins with: metadata records, name and values, and attachments."""
@@ -99,6 +105,9 @@ class McapWriter:
 
         made: those of the scenery where they are not given.
         """
+        if self._times is not None and not self._timed and self._times["unix_ns"][0, 0]:
+            self._timed = True  # once here, for a log without an end
+            self.write_metadata(RECORD, time_record(self._times))
         if made is None:
             if not any(map(len, batches.values())):
                 return
@@ -166,6 +175,8 @@ class McapWriter:
                 self.write_metadata("fault", evidence.fault)
         if result:
             self.write_metadata("result", texts(result))
+        if self._times is not None:
+            self.write_metadata(RECORD, time_record(self._times, ended=True))
         messages, missed = (str(sum(each.values())) for each in (self.messages, lost))
         account = {"ended": ended, "messages": messages, "lost": missed, "topics": json.dumps(counts)}
         self.write_metadata("log", account)

@@ -80,7 +80,7 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
     try:
         with os.fdopen(log_descriptor, "wb") as file:
             schemas = {topic: each for camera in job.cameras for topic, each in camera.schemas().items()}
-            writer = McapWriter(file, schemas, Scenery(job.cell) if job.cell else None)
+            writer = McapWriter(file, schemas, Scenery(job.cell) if job.cell else None, rings.times)
             writer.begin(job.metadata, job.attachments)
             writer.flush()
             drain = RingDrain(rings, writer, PictureDrain(job.cameras, file))
