@@ -13,6 +13,7 @@ from hal.base.configuration import STRICT, NotNegative, Real
 Vector = tuple[Real, Real, Real]
 Moments = tuple[Real, Real, Real, Real, Real, Real]
 _UNIT_TOLERANCE = 1e-2  # four rounded digits
+_ROUNDED = 1e-6  # of the largest moment: a thin plate's a + b is c
 
 
 def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -21,11 +22,16 @@ def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, fl
     return q
 
 
-def _of_a_body(moments: Moments) -> Moments:
+def of_a_body(moments: Moments) -> Moments:
+    """Return the moments (xx, yy, zz, xy, xz, yz), kg m^2. Raises ValueError unless the principal ones, a <= b <= c,
+    are above 0 and a + b >= c, as every body's are."""
     xx, yy, zz, xy, xz, yz = moments
     a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
-    if not (a > 0.0 and a + b >= c * (1.0 - 1e-9)):
-        raise ValueError(f"no body has the principal moments {a:.3g}, {b:.3g}, {c:.3g} kg m^2")
+    if not (a > 0.0 and a + b >= c * (1.0 - _ROUNDED)):
+        raise ValueError(
+            f"no body has the principal moments {a:.3g}, {b:.3g}, {c:.3g} kg m^2: each is above 0, and none is "
+            "larger than the sum of the two others"
+        )
     return moments
 
 
@@ -43,11 +49,11 @@ class Pad:
 
     size: Vector
     mass: NotNegative
-    flange_to_face: float
+    flange_to_face: Real
     offset_xy: tuple[Real, Real] = (0.0, 0.0)
     orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
     centre: Vector | None = None
-    inertia: Annotated[Moments, AfterValidator(_of_a_body)] | None = None
+    inertia: Annotated[Moments, AfterValidator(of_a_body)] | None = None
 
     @property
     def F_T_face(self) -> Array:

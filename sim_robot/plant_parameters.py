@@ -9,12 +9,11 @@ from pydantic import PositiveInt
 from hal.base.arrays import Seven
 from hal.base.configuration import NotNegative, Positive, from_document, load_toml
 from hal.robots import RobotModel
-from hal.robots.model import SevenPositive
+from hal.robots.model import SevenNotNegative, SevenPositive
 
 OWN_FILES = Path(__file__).parent  # scenes, parameters: data of the package
 Vector3 = tuple[float, float, float]
 Vector3Positive = tuple[Positive, Positive, Positive]
-SevenNotNegative = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 ZEROS: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -5,6 +5,7 @@ for a float. The floats of a dataclass without a configuration of its own are fi
 """
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +22,13 @@ NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 T = TypeVar("T")
 
 
+LARGEST_FILE = 4_000_000  # bytes: a person's file has thousands
+_MOST_PARTS = 32  # of a dotted key, and of a document's depth
+_PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
+_NESTED = re.compile(rf"(?:{_PART}){{{_MOST_PARTS}}}")
+_LONGEST = 200  # letters of a value in a message
+
+
 class ConfigurationError(Exception):
     """A configuration that cannot be used. The message names the file, the key and what is wrong with it."""
 
@@ -31,17 +39,37 @@ def load_toml(path: Path, kind: type[T]) -> T:
     return from_document(document, kind, str(path), text)
 
 
+def read_file(path: Path) -> str:
+    """Return a configuration's text, UTF-8, without a byte order mark. Raises OSError, ValueError."""
+    with path.open("rb") as file:
+        data = file.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        raise ValueError(f"it is larger than {LARGEST_FILE // 1_000_000} MB, expected a file that people write")
+    return data.decode("utf-8-sig").replace("\r\n", "\n")
+
+
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Return what a file says, parsed and as text. Raises ConfigurationError with one line."""
+    text = ""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path)
+        if found := _NESTED.search(text):  # before the parser, whose time and memory grow with the square of it
+            line = text.count("\n", 0, found.start()) + 1
+            raise ValueError(f"a key has more than {_MOST_PARTS} parts (at line {line}, column 1)")
         return tomllib.loads(text), text
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # a path with a NUL or a number of thousands of digits: ValueError
         found = re.search(r" \(at line (\d+), column \d+\)", str(error))
         place = f"{path}:{found[1]}" if found else str(path)
-        raise ConfigurationError(one_line(f"{place}: not valid TOML: {error}")) from None
+        hint = _comma(text, int(found[1])) if found else ""
+        raise ConfigurationError(one_line(f"{place}: not valid TOML: {error}{hint}")) from None
+
+
+def _comma(text: str, line: int) -> str:
+    """Return what to do where a line seems to have a decimal comma, else an empty text."""
+    found = re.search(r"(?<![\w.])-?\d+,\d+", "".join(text.splitlines()[line - 1 : line]))
+    return f"; {found[0]} has a decimal comma: write {found[0].replace(',', '.')}" if found else ""
 
 
 def place_of(source: str, text: str, key: Sequence[str | int]) -> str:
@@ -113,6 +141,7 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
     Raises ConfigurationError with one line.
     """
     try:
+        _check_numbers(document, ())
         # JSON has TOML's types, and no other way in which to write a number; a tuple carries the configuration to kind
         written = json.dumps([document], default=str)
         return _adapter(kind).validate_json(written, strict=True)[0]
@@ -120,7 +149,15 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
         first = error.errors()[0]
         loc, said = first["loc"][1:], first["msg"].removeprefix("Value error, ")
         key = f"key {'.'.join(map(str, loc))}: " if loc else ""
-        raise ConfigurationError(one_line(f"{place_of(source, text, loc)}: {key}{said}")) from None
+        place, value = place_of(source, text, loc), first["input"]
+        found = f", found {shortened(repr(value))}" if isinstance(value, str | int | float) else ""
+        hint = _comma(text, int(place.rpartition(":")[2])) if "items" in said and place != source else ""
+        raise ConfigurationError(one_line(f"{place}: {key}{said}{found}{hint}")) from None
+    except _NotFinite as error:
+        *loc, value = error.args
+        key = ".".join(map(str, loc))
+        place = place_of(source, text, loc)
+        raise ConfigurationError(one_line(f"{place}: key {key}: {value}, expected a finite number")) from None
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits cannot be written
         raise ConfigurationError(one_line(f"{source}: {error}")) from None
 
@@ -131,9 +168,29 @@ def _adapter(kind: type[Any]) -> TypeAdapter[tuple[Any]]:
     return TypeAdapter(tuple[kind], config=_PLAIN)  # pyright: ignore[reportInvalidTypeForm]
 
 
+class _NotFinite(ValueError):
+    """The names of a key, and its value."""
+
+
+def _check_numbers(value: Any, key: tuple[str | int, ...]) -> None:
+    """Raise _NotFinite for a number of a document that is infinite, NaN, or too large for a float."""
+    if isinstance(value, dict | list):
+        for name, each in value.items() if isinstance(value, dict) else enumerate(value):
+            _check_numbers(each, (*key, name))
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise _NotFinite(*key, value)
+    elif isinstance(value, int) and value.bit_length() > 64:
+        raise _NotFinite(*key, f"a number of {value.bit_length() * 0.301:.0f} digits")
+
+
+def shortened(text: str) -> str:
+    """Return a text with the middle left out, where it is too long for a message."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]}...{text[-20:]}"
+
+
 def one_line(message: str) -> str:
-    """Return a message without its line breaks."""
-    return " ".join(message.split())
+    """Return a message without its line breaks, each long word shortened."""
+    return " ".join(map(shortened, message.split()))
 
 
 def toml_text(document: Mapping[str, Any], *comments: str) -> str:

@@ -6,23 +6,46 @@ It is read from a TOML and a URDF, strictly: each key is expected and of its typ
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.arrays import Array
-from hal.base.configuration import ConfigurationError, Positive, Real, from_document, read_toml
+from hal.base.configuration import (
+    ConfigurationError,
+    NotNegative,
+    Positive,
+    Real,
+    from_document,
+    one_line,
+    place_of,
+    read_file,
+    read_toml,
+)
 from hal.limits import CONTROL_RATE_HZ, DOF, ArmLimits
-from hal.robots.description import DescriptionError, described
+from hal.robots.bodies import TURN_RAD, DescriptionError
+from hal.robots.description import described
 
 _STRICT = ConfigDict(extra="forbid")
 Seven = tuple[Real, Real, Real, Real, Real, Real, Real]
 SevenPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
+SevenNotNegative = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 Motion = tuple[Positive, Positive, Positive]
 _OF_JOINTS = ("q_lower", "q_upper", "dq_max", "ddq_max", "dddq_max", "tau_max")  # limits with a number a joint
 Names = tuple[str, str, str, str, str, str, str]
+# Of numbers that another unit (degrees, mm, g) would make larger; ours: no arm that shares a room with people has them
+_MOST = {
+    "limits.q_lower": (TURN_RAD, "rad"), "limits.q_upper": (TURN_RAD, "rad"), "limits.dq_max": (30.0, "rad/s"),
+    "limits.ddq_max": (1e3, "rad/s^2"), "limits.dddq_max": (1e5, "rad/s^3"), "limits.tau_max": (1e3, "Nm"),
+    "limits.tau_rate_max": (1e5, "Nm/s"), "limits.velocity_law.offset": (30.0, "rad/s"),
+    "limits.velocity_law.deceleration": (1e3, "rad/s^2"), "cartesian.translation": ((30.0, 1e3, 1e5), "m, s"),
+    "cartesian.rotation": ((30.0, 1e3, 1e5), "rad, s"), "cartesian.elbow": ((30.0, 1e3, 1e5), "rad, s"),
+    "motor_inertia.B": (20.0, "kg m^2"), "motor_inertia.B_theta": (20.0, "kg m^2"), "friction.p1": (100.0, "Nm"),
+    "friction.p2": (1e4, "s/rad"), "friction.p3": (30.0, "rad/s"),
+}  # fmt: skip
+_OF_THE_PLANT = Literal["B", "B_theta", "K", "D", "friction_p1", "friction_p2", "friction_p3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +123,8 @@ class _Inertia:
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class _Friction:
-    p1: Seven
-    p2: Seven
+    p1: SevenNotNegative
+    p2: SevenNotNegative
     p3: Seven
 
 
@@ -117,7 +140,7 @@ class _File:
     motor_inertia: _Inertia
     friction: _Friction
     sources: dict[str, str]
-    plant: dict[str, Any] = Field(default_factory=dict)
+    plant: dict[_OF_THE_PLANT, Seven] = Field(default_factory=dict)
     meshes: str = ""
 
 
@@ -133,6 +156,13 @@ def read_robot(path: Path) -> RobotModel:
     for joint, (lower, upper) in enumerate(zip(file.limits.q_lower, file.limits.q_upper, strict=True), 1):
         if not lower < upper:
             raise RobotError(f"{path}: key limits.q_lower: joint {joint}: {lower:g} is not below {upper:g}")
+    for key, (most, unit) in _MOST.items():
+        value: Any = document
+        for name in key.split("."):
+            value = value[name]
+        if np.any(np.abs(value) > most):
+            place = place_of(str(path), text, key.split("."))
+            raise RobotError(f"{place}: key {key}: {value}, expected at most {most} ({unit}): was another unit meant?")
     if without := _without_source(document, file.sources):
         raise RobotError(f"{path}: key sources: no entry says where {without} comes from")
     law = file.limits.velocity_law
@@ -145,13 +175,12 @@ def read_robot(path: Path) -> RobotModel:
     )
     source = path.parent / file.urdf
     try:
-        text = source.read_text(encoding="utf-8")
-        urdf = described(text, path.stem, file.joints, file.flange, limits)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise RobotError(f"{path}: key urdf: {source} cannot be read: {reason}") from None
+        urdf = described(read_file(source), path.stem, file.joints, file.flange, limits)
     except DescriptionError as error:
-        raise RobotError(f"{path}: key urdf: {source}: {error}") from None
+        raise RobotError(one_line(f"{path}: key urdf: {source}: {error}")) from None
+    except (OSError, ValueError, RecursionError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise RobotError(one_line(f"{path}: key urdf: {source} cannot be read: {reason}")) from None
     return RobotModel(
         reference=str(path.resolve()),
         title=file.title,
@@ -162,7 +191,7 @@ def read_robot(path: Path) -> RobotModel:
         B_theta=_fixed(file.motor_inertia.B_theta),
         friction=(_fixed(file.friction.p1), _fixed(file.friction.p2), _fixed(file.friction.p3)),
         sources=file.sources,
-        plant=file.plant,
+        plant={str(key): values for key, values in file.plant.items()},
         meshes=file.meshes,
     )
 

@@ -112,7 +112,7 @@ def test_a_mistake_is_one_line_with_its_key(tmp_path: Path, key: str, value: str
             "joint 'shorty_joint3': its parent is not",
         ),
         ("inertial>", "weight>", "link 'shorty_link0': has no inertial"),
-        ("cylinder", "box", "0 collision cylinders, expected 1 to 15"),
+        ("cylinder", "sphere", "0 collision cylinders, expected 1 to 15"),
         ("<robot", "<robot <", "not valid XML"),
         ('xyz="0 0 0.107"', 'xyz="0.01 0 0.107"', "the flange must lie along the last joint's z"),
     ],
