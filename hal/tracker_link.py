@@ -59,7 +59,7 @@ def _is_pose(datagram):
 
 @compiled
 def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
-    """Write the object's pose in the world into seen.
+    """Write the object's pose in the world into seen, its quaternion by the sign that is nearer to the last one.
 
     world, world_p: of the tracker's frame in the world; thing, thing_p: of the object in the body; plain: both are
     none. q (4,), v (3,): to work with.
@@ -68,8 +68,6 @@ def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
     if plain:
         for i in range(3):
             record.position[i] = d.position[i]
-        for i in range(4):
-            record.orientation_wxyz[i] = d.orientation_wxyz[i]
     else:
         norm = 0.0
         for i in range(4):
@@ -84,7 +82,12 @@ def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
         for i in range(3):
             record.position[i] = world_p[i] + v[i]
         _product(world, d.orientation_wxyz, q)
-        _product(q, thing, record.orientation_wxyz)
+        _product(q, thing, d.orientation_wxyz)
+    near = 0.0
+    for i in range(4):
+        near += d.orientation_wxyz[i] * record.orientation_wxyz[i]
+    for i in range(4):
+        record.orientation_wxyz[i] = d.orientation_wxyz[i] if near >= 0.0 else -d.orientation_wxyz[i]
     record.seen = d.seen
 
 

@@ -80,7 +80,12 @@ def transpose_multiply(A, B, out):
 
 @compiled
 def quaternion_from_rotation(R, out):
-    """Write the unit quaternion wxyz of R, shape (4,), w >= 0 (Shepperd's method)."""
+    """Write the unit quaternion wxyz of R, shape (4,), with the sign that is nearer to out's (Shepperd's method).
+
+    A frame that moves has no jump in its path where each rotation is written to the same out. Where out has zeros, w is
+    positive, except near half a turn: there noise would decide its sign, and a direction off the axes decides instead.
+    """
+    w, x, y, z = out[0], out[1], out[2], out[3]
     t = R[0, 0] + R[1, 1] + R[2, 2]
     k = 0
     best = t
@@ -104,6 +109,9 @@ def quaternion_from_rotation(R, out):
         out[0] = s * (R[m, j] - R[j, m])
         out[1 + j] = s * (R[j, i] + R[i, j])
         out[1 + m] = s * (R[m, i] + R[i, m])
-    if out[0] < 0.0:
+    near = w * out[0] + x * out[1] + y * out[2] + z * out[3]
+    if near == 0.0:
+        near = out[0] + 0.3 * out[1] + 0.2 * out[2] + 0.1 * out[3]
+    if near < 0.0:
         for i in range(4):
             out[i] = -out[i]

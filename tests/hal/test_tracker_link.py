@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hal.clock_relation import ClockRelation
-from hal.tracker import OBJECT_POSE, ObjectPose, TrackerTimes
+from hal.tracker import OBJECT_POSE, ObjectPose, TrackerFrames, TrackerTimes
 from hal.tracker_link import DATAGRAM, TrackerLink
 from sim_robot.fci.server import TrackerFeed
 
@@ -86,6 +86,22 @@ def test_a_pose_whose_time_cannot_be_told_is_not_used():
         assert not seen(0)
         assert any(seen(1_000_000 * k) for k in range(1, 40))
     link.close()
+
+
+@pytest.mark.parametrize("frames", [TrackerFrames(), TrackerFrames(up="y", object_orientation_wxyz=(0.6, 0, 0.8, 0))])
+def test_a_tracker_that_changes_the_sign_of_its_quaternions_gives_a_path_without_jumps(frames):
+    link, rng = TrackerLink(frames=frames), np.random.default_rng(0)
+    record, path = np.zeros(1, DATAGRAM), []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for k, half in enumerate(np.linspace(0.0, 7.0, 200)):
+            record["t_ns"], record["seen"] = k, 1
+            record["orientation_wxyz"] = rng.choice([-1.0, 1.0]) * np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+            sender.sendto(record.tobytes(), link.address)
+            path.append(link.latest().orientation_wxyz.copy())
+    link.close()
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert steps.max() == pytest.approx(steps.min(), rel=1e-3)
+    assert np.linalg.norm(path, axis=1) == pytest.approx(1.0)
 
 
 LEAST_NS = 1_500_000  # the delay that no estimator can see

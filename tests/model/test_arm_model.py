@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed, symmetric_eigen
+from rtstack.log.viewers.frames import quaternions_of
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.rotation import exp_so3, log_so3, quaternion_from_rotation, rotation_from_quaternion
 
@@ -52,11 +53,42 @@ def test_log_of_half_a_turn(axis):
 @given(st.integers(0, 2**31))
 def test_quaternion_and_back(seed):
     R = pin.exp3(3.0 * np.random.default_rng(seed).normal(size=3))
-    q = np.empty(4)
+    q = np.zeros(4)
     quaternion_from_rotation(R, q)
     assert np.linalg.norm(q) == pytest.approx(1.0)
-    assert q[0] >= 0.0
+    assert q[0] >= 0.0 or abs(q[0]) < 0.6
     np.testing.assert_allclose(rotation_from_quaternion(q), R, atol=1e-12)
+
+
+@given(st.integers(0, 2**31))
+def test_a_moving_frame_has_no_jump_in_its_quaternion(seed):
+    """Whole turns about a random axis, that all pass w = 0, from a random rotation."""
+    rng = np.random.default_rng(seed)
+    start, axis = pin.exp3(3.0 * rng.normal(size=3)), rng.normal(size=3)
+    turns = np.stack([pin.exp3(angle * axis / np.linalg.norm(axis)) @ start for angle in np.linspace(0.0, 13.0, 400)])
+    q, path = np.zeros(4), []
+    for R in turns:
+        quaternion_from_rotation(R, q)
+        path.append(q.copy())
+        np.testing.assert_allclose(rotation_from_quaternion(q), R, atol=1e-12)
+    whole = quaternions_of(turns)
+    whole *= np.sign(whole[0] @ path[0])
+    np.testing.assert_allclose(whole, path, atol=1e-12)
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.02  # half of a step's angle
+    assert np.min(np.array(path)[:, 0]) < 0.0 < np.max(np.array(path)[:, 0])
+
+
+@pytest.mark.parametrize(
+    "wxyz", [(0, 0, 1, 0), (0, 0, 1, 1), (0, 0, 1, -1), (0, 1, 0, -1), (0, 1, 1, 1), (1, 1, -1, 1)]
+)
+def test_noise_does_not_choose_the_sign_of_a_first_quaternion(wxyz):
+    exact = np.array(wxyz) / np.linalg.norm(wxyz)
+    rng, signs = np.random.default_rng(0), set()
+    for _ in range(100):
+        q = np.zeros(4)
+        quaternion_from_rotation(rotation_from_quaternion(exact) @ pin.exp3(rng.normal(0.0, 0.01, 3)), q)
+        signs.add(np.sign(q @ exact))
+    assert len(signs) == 1
 
 
 @given(st.integers(0, 2**31))

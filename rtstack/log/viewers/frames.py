@@ -20,7 +20,7 @@ from rtstack.log.viewers.instants import OBJECT, Instants
 WORLD = "world"
 TABLE = "table"
 BASE_LINK = "link0"  # of the arm's URDF
-_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+_UPRIGHT, _NONE = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +104,10 @@ def _products(a: Array, b: Array) -> Array:
     ])  # fmt: skip
 
 
-def quaternions_of(R: Array) -> Array:
-    """Return the quaternions wxyz (n, 4) of rotation matrices (n, 3, 3).
+def quaternions_of(R: Array, before: Array = _NONE) -> Array:
+    """Return the quaternions wxyz (n, 4) of a moving frame's rotation matrices (n, 3, 3), without jumps of their sign.
+
+    before: (4,) the quaternion before the first one, zeros where there is none.
 
     Shepperd, "Quaternion from rotation matrix", 1978: of four equal formulas the one that divides by most.
     """
@@ -127,7 +129,9 @@ def quaternions_of(R: Array) -> Array:
         chosen[:, 1 + j] = r[:, j, i] + r[:, i, j]
         chosen[:, 1 + k] = r[:, k, i] + r[:, i, k]
         q[rows] = chosen
-    return q / np.linalg.norm(q, axis=1, keepdims=True)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    turned = np.einsum("ij,ij->i", q, np.vstack([before, q])[:-1]) < 0.0
+    return q * np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +162,7 @@ class FrameTree:
     def __init__(self, cell: CellFrames) -> None:
         self._cell = cell
         self._joints = {side: joint_placements(cell.urdf[side]) for side in cell.sides}
+        self._turned = {side: np.zeros(4) for side in cell.sides}  # the pads, at last
 
     def transforms(self, instants: Instants) -> list[tuple[int, bytes]]:
         """Return a message for each of the instants, as (t_ns, FrameTransforms)."""
@@ -200,8 +205,10 @@ class FrameTree:
             child = f"{side}_{joint.child}"
             tracks.append(_Track(parent, child, joint.position, turned))
             parent = child
-        return [*tracks, _Track(base, f"{side}_pad", *_poses_of(samples["O_T_EE"]))]
+        position, wxyz = _poses_of(samples["O_T_EE"], self._turned[side])
+        self._turned[side] = wxyz[-1] if len(wxyz) else self._turned[side]
+        return [*tracks, _Track(base, f"{side}_pad", position, wxyz)]
 
 
-def _poses_of(T: Array) -> tuple[Array, Array]:
-    return T[:, :3, 3], quaternions_of(T[:, :3, :3])
+def _poses_of(T: Array, before: Array = _NONE) -> tuple[Array, Array]:
+    return T[:, :3, 3], quaternions_of(T[:, :3, :3], before)
