@@ -19,16 +19,18 @@ _LONGEST_NAME = 28  # an operator's is 40
 
 @commands.command()
 def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
-    """Make a complete log of one that was cut off. The original stays as it is."""
+    """Make a complete log of one that was cut off or damaged. The original stays as it is."""
     with progress_bar("recovering", True) as show:
         summary = recover_log(log, progress=lambda done, total: show(done / total))
     if summary.complete:
         typer.echo(f"{log} is complete: nothing to recover")
         return
-    damaged = f"; {summary.damaged} chunks could not be read" if summary.damaged else ""
+    what = f"; {summary.damaged} records could not be read:" if summary.damaged else ""
     typer.echo(
-        f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s, to {summary.output}{damaged}"
+        f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s, to {summary.output}{what}"
     )
+    for line in summary.missing:
+        typer.echo(f"  {line}")
 
 
 @commands.command("recover-arms")

@@ -2,19 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.records import Chunk, ChunkIndex
+from google.protobuf.message import DecodeError
+from mcap.records import Schema
 from numpy.typing import NDArray
 
-from rtstack.log.errors import LogError
-from rtstack.log.file import container
-from rtstack.log.file.container import MessageTable
-from rtstack.log.file.contents import Contents, contents_by_scan, contents_by_summary
+from rtstack.log.errors import LogError, damaged, remedy
+from rtstack.log.file.container import MAGIC, NO_MESSAGES, NUMBERS, MessageTable, end_of, growth_max, open_mcap
+from rtstack.log.file.contents import ALWAYS, Contents, attachment_data, read_contents
 from rtstack.log.file.decoding import TopicDecoder, message_class
 from rtstack.log.video import KEY_NS, Decoder
 from rtstack.log.viewers.scenery import scenery_schemas
@@ -23,6 +22,8 @@ from rtstack.samples import SIDES, Level
 from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
 
 _NS = 1e-9
+_CHANNELS_MAX = 64  # of one topic: each has a decoder
+_MESSAGE_BYTES = 160  # what Python needs for one message, beside its own bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +52,24 @@ class Log:
         self.path = path
         self.complete = complete
         self.metadata: dict[str, dict[str, str]] = contents.metadata
-        self.attachments: tuple[Attachment, ...] = tuple(contents.attachments)
+        self._span_ns = self._edge(last=False), self._edge(last=True)
+
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """The attached files, read now. Raises LogError for one that is damaged."""
+        with open_mcap(self.path) as file:
+            places = self._contents.attachments
+            return tuple(Attachment(each.name, each.media_type, attachment_data(file, each)) for each in places)
 
     @property
     def duration_s(self) -> float:
-        """Robot's time from the first to the last message, s."""
-        return (self._contents.end_ns - self._contents.start_ns) * _NS
+        """Robot's time from the first to the last message, s. Topics of other programs do not count."""
+        return (self._span_ns[1] - self._span_ns[0]) * _NS
 
     @property
     def start_ns(self) -> int:
         """Robot's time of the first message, ns."""
-        return self._contents.start_ns
+        return self._span_ns[0]
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -76,48 +84,73 @@ class Log:
     @property
     def events(self) -> tuple[Event, ...]:
         """All events, in order of time."""
-        records = self.topic(EVENT_TOPIC)
         return tuple(
             Event(
                 int(record["t_ns"]), Level(int(record["level"])) if record["level"] else Level.INFO,
                 bytes(record["name"]).decode(), bytes(record["text"]).decode(),
             )
-            for record in records[np.argsort(records["t_ns"], kind="stable")]
+            for record in self.topic(EVENT_TOPIC)
         )  # fmt: skip
 
     def attachment(self, name: str) -> bytes | None:
         """Return the content of the file that is attached under a name, None where there is none."""
-        return next((each.data for each in self.attachments if each.name == name), None)
+        place = next((each for each in self._contents.attachments if each.name == name), None)
+        with open_mcap(self.path) as file:
+            return None if place is None else attachment_data(file, place)
 
     def topic(self, name: str) -> NDArray[Any]:
-        """Return all records of a topic of rtstack.topics.TOPICS, shape (n,), in the order of the file.
+        """Return all records of a topic of rtstack.topics.TOPICS, shape (n,), in the order of their log times.
 
         t_ns is the message's log time, O_T_EE row-major, current_errors the bit mask. Raises LogError for
         another topic, or for messages that are not of its schema.
         """
-        if name not in TOPICS:
-            raise LogError(f"{name} is not a topic of records: there are {', '.join(TOPICS)}")
-        parts, wanted = [np.zeros(0, TOPICS[name].record)], dict.fromkeys(self._channels(name), name)
+        parts, wanted = self._empty([name]), self._wanted([name])
         decoders: dict[int, TopicDecoder] = {}
-        for part in self._tables(name):
-            parts += self._decode([part], wanted, decoders).values()
-        return np.concatenate(parts)
+        found = [parts[name]]
+        for part in self._read(list(wanted)):
+            found += self._decode([part], wanted, decoders).values()
+        return _in_order(np.concatenate(found))
+
+    def frame(self, topic: str) -> Any:
+        """Return all records of a topic as a pandas.DataFrame, in order of time.
+
+        The index `t_s` is the time since `start_ns`, s; the first column `t_ns` the robot's time. The columns of an
+        array are those of the curves, as tau_J.4 or O_F_ext_hat_K.fz, of a 4 x 4 matrix r11 to r33 and x, y, z;
+        `frame.attrs["units"]` has the unit of each column. Raises LogError as `topic` does, and without pandas.
+        """
+        try:
+            import pandas  # pyright: ignore[reportMissingImports]  # optional
+        except ImportError:
+            raise LogError("tables are made by pandas: pip install pandas; `topic` has the same records") from None
+        from rtstack.log.analysis.signals import unit_of  # which reads logs itself
+
+        records = self.topic(topic)
+        columns: dict[str, NDArray[Any]] = {"t_ns": records["t_ns"]}
+        units = {"t_s": "s", "t_ns": "ns"}
+        for field in TOPICS[topic].message.fields:
+            values = records[field.name].reshape(len(records), -1)
+            values = np.char.decode(values, errors="replace") if values.dtype.kind == "S" else values
+            for k, component in enumerate(field.axes or ("",)):
+                name = f"{field.name}.{component}" if component else field.name
+                columns[name], units[name] = values[:, k], unit_of(field, component)
+        index = pandas.Index((records["t_ns"] - self.start_ns) * _NS, name="t_s")
+        frame = pandas.DataFrame(columns, index)
+        frame.attrs["units"] = units
+        return frame
 
     def first_ns(self, name: str) -> int | None:
-        """Return the log time of a topic's first message, None where it has none. Reads one chunk."""
-        return next((int(table.log_time_ns.min()) for _, table in self._tables(name)), None)
+        """Return the log time of a topic's first message, None where it has none. Reads one chunk, as a rule."""
+        return self._edge(last=False, topics=[name]) if self.count(name) else None
 
     def between(self, topics: Sequence[str], from_ns: int, to_ns: int) -> dict[str, NDArray[Any]]:
-        """Return the records of some topics from one log time to another, both included, in the order of the file.
+        """Return the records of some topics from one log time to another, both included, in order of time.
 
         Chunks that the index places elsewhere are not read. Raises LogError as `topic` does.
         """
-        wanted = {channel: topic for topic in topics for channel in self._channels(topic)}
-        parts = list(self._read(list(wanted), (from_ns, to_ns)))
-        found = self._decode(parts, wanted, {}) if parts else {}
-        empty = {topic: np.zeros(0, TOPICS[topic].record) for topic in topics}
-        inside = {name: part[(part["t_ns"] >= from_ns) & (part["t_ns"] <= to_ns)] for name, part in found.items()}
-        return empty | inside
+        wanted, found = self._wanted(topics), self._empty(topics)
+        if parts := list(self._read(list(wanted), (from_ns, to_ns))):
+            found |= self._decode(parts, wanted, {})
+        return {name: part[(part["t_ns"] >= from_ns) & (part["t_ns"] <= to_ns)] for name, part in found.items()}
 
     def count(self, name: str) -> int:
         """Return how many messages a topic has."""
@@ -126,17 +159,36 @@ class Log:
     def batches(self, topics: Sequence[str], chunks: int = 16) -> Iterator[Batch]:
         """Read the file once, and yield the records of `topics` chunk by chunk: for a log that is too long for memory.
 
-        Each batch has as many chunks; a topic without messages in them is left out. Raises LogError as `topic` does.
+        Each batch has as many chunks; a topic without messages in them is left out. A log whose chunks do not follow
+        one another in time is one batch. Raises LogError as `topic` does.
         """
+        self._empty(topics)
         decoders: dict[int, TopicDecoder] = {}
-        wanted = {channel: topic for topic in topics for channel in self._channels(topic)}
-        total = max(1, len(self._contents.chunks))
+        wanted = self._wanted(topics)
+        total = max(1, len(self._contents.parts))
+        chunks = chunks if total <= chunks or self._in_turn(wanted) else total
         parts: list[tuple[bytes, MessageTable]] = []
         for done, part in enumerate(self._read(list(wanted)), start=1):
             parts.append(part)
             if len(parts) == chunks or done == total:
                 yield Batch(self._decode(parts, wanted, decoders), done / total)
                 parts.clear()
+
+    def _in_turn(self, wanted: dict[int, str]) -> bool:
+        """Whether the messages of each topic stand in the file in order of time."""
+        spans = [part.span_ns for part in self._contents.parts]
+        topics = list(wanted.values())
+        if len(set(topics)) == len(topics) and all(a[1] <= b[0] for a, b in pairwise(spans)):
+            return True
+        newest: dict[str, int] = {}
+        for _, table in self._read(list(wanted)):
+            for channel in np.unique(table.channel_id).tolist():
+                times = table.log_time_ns[table.channel_id == channel]
+                topic = wanted[channel]
+                if int(times.min()) < newest.get(topic, 0):
+                    return False
+                newest[topic] = max(newest.get(topic, 0), int(times.max()))
+        return True
 
     def _decode(
         self, parts: list[tuple[bytes, MessageTable]], wanted: dict[int, str], decoders: dict[int, TopicDecoder]
@@ -145,25 +197,27 @@ class Log:
         starts = np.cumsum([0, *(len(data) for data, _ in parts)])
         data = b"".join(data for data, _ in parts)
         channel = np.concatenate([table.channel_id for _, table in parts])
-        t_ns = np.concatenate([table.log_time_ns for _, table in parts])
+        t_ns = np.concatenate([table.log_time_ns for _, table in parts]).view(np.int64)
         start = np.concatenate([table.start + offset for (_, table), offset in zip(parts, starts, strict=False)])
         size = np.concatenate([table.size for _, table in parts])
+        if len(t_ns) and t_ns.min() < 0:
+            raise LogError(f"{self.path}: a sample has a time that no robot has: {t_ns.view(np.uint64).max()} ns")
         found: dict[str, list[NDArray[Any]]] = {}
         for channel_id in np.unique(channel).tolist():
             if channel_id not in decoders:
-                schema = self._contents.schemas[self._contents.channels[channel_id].schema_id]
-                decoders[channel_id] = TopicDecoder(wanted[channel_id], schema)
+                decoders[channel_id] = TopicDecoder(wanted[channel_id], self._schema(channel_id))
             rows = channel == channel_id
             records = decoders[channel_id].decode(data, t_ns[rows], start[rows], size[rows])
             found.setdefault(wanted[channel_id], []).append(records)
-        return {topic: np.concatenate(records) for topic, records in found.items()}
+        return {topic: _in_order(np.concatenate(records)) for topic, records in found.items()}
 
     def messages(self, name: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
         """Return messages of any topic as (t_ns, encoded message): for /tf and pictures, which have no record.
 
         between_ns: of these log times alone, both included; chunks that the index places elsewhere are not read.
         """
-        return [
+        self._afford(name, _MESSAGE_BYTES)
+        found = [
             (t_ns, data[start : start + size])
             for data, table in self._read(self._channels(name), between_ns)
             for t_ns, start, size in zip(
@@ -171,127 +225,136 @@ class Log:
             )
             if between_ns is None or between_ns[0] <= t_ns <= between_ns[1]
         ]
+        return sorted(found, key=lambda message: message[0])
 
     def pictures(self, topic: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
         """Return a camera's pictures as (t_ns, JPEG), like `messages`, in order. Raises LogError for H.264 without
         PyAV."""
-        schemas = [self._contents.schemas[self._contents.channels[each].schema_id] for each in self._channels(topic)]
+        schemas = [self._schema(each) for each in self._channels(topic)]
         if not schemas:
             return []
         video = schemas[0].name == "foxglove.CompressedVideo"
         first_ns, last_ns = between_ns or (0, 1 << 62)
         kind = message_class(schemas[0])
         span_ns = (first_ns - KEY_NS, last_ns) if video else (first_ns, last_ns)
-        found = sorted((t_ns, kind.FromString(data).data) for t_ns, data in self.messages(topic, span_ns))
+        try:
+            found = [(t_ns, kind.FromString(data).data) for t_ns, data in self.messages(topic, span_ns)]
+        except (DecodeError, AttributeError) as error:
+            raise LogError(f"{self.path}: a picture of {topic} is broken: {error}") from error
         if not video:
             return found
         decoder = Decoder()
         return [(t_ns, decoder.jpeg()) for t_ns, data in found if decoder.take(data) and t_ns >= first_ns]
 
     def times(self, topic: str) -> list[int]:
-        """Return the log times of a topic's messages, ns, in order; from the index alone where there is one."""
-        wanted, found = self._channels(topic), []
-        with container.open_mcap(self.path) as file:
-            for chunk in self._contents.chunks:
-                if isinstance(chunk, ChunkIndex):
-                    offsets = [at for each, at in chunk.message_index_offsets.items() if each in wanted]
-                    found += [_index_entries(file, offset)[1][:, 0] for offset in offsets]
-                    continue
-                table = container.message_table(
-                    chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
-                )
-                found.append(table.log_time_ns[np.isin(table.channel_id, wanted)])
-        return np.sort(np.concatenate([np.zeros(0, np.int64), *found])).tolist()
+        """Return the log times of a topic's messages, ns, in order."""
+        found = [table.log_time_ns for _, table in self._read(self._channels(topic))]
+        return np.sort(np.concatenate([np.zeros(0, np.uint64), *found])).tolist()
 
     def _channels(self, topic: str) -> list[int]:
-        return [channel.id for channel in self._contents.channels.values() if channel.topic == topic]
+        found = [channel.id for channel in self._contents.channels.values() if channel.topic == topic]
+        if len(found) > _CHANNELS_MAX:
+            raise LogError(f"{self.path}: {topic} has {len(found)} channels: at most {_CHANNELS_MAX} are read")
+        return found
 
-    def _tables(self, topic: str) -> Iterator[tuple[bytes, MessageTable]]:
-        """Yield each chunk that has messages of a topic, with their places in it."""
-        return (part for part in self._read(self._channels(topic)) if len(part[1].start))
+    def _wanted(self, topics: Sequence[str]) -> dict[int, str]:
+        return {channel: topic for topic in topics for channel in self._channels(topic)}
+
+    def _empty(self, topics: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Return no records of each topic. Raises LogError for what is no topic of records, or has far too many."""
+        for name in topics:
+            if name not in TOPICS:
+                raise LogError(f"{name} is not a topic of records: there are {', '.join(TOPICS)}")
+            self._afford(name, TOPICS[name].record.itemsize)
+        return {name: np.zeros(0, TOPICS[name].record) for name in topics}
+
+    def _afford(self, topic: str, each: int) -> None:
+        """Raise LogError where a topic's messages, with so many bytes each, need far more memory than the file."""
+        if self.count(topic) * each > growth_max(self.path.stat().st_size):
+            raise LogError(
+                f"{self.path} is not read: {self.count(topic)} messages of {topic} are too many for its size"
+            )
+
+    def _schema(self, channel: int) -> Schema:
+        found = self._contents.channels[channel]
+        if found.schema_id not in self._contents.schemas:
+            raise LogError(f"{self.path}: {found.topic} has no schema, so its messages cannot be read")
+        return self._contents.schemas[found.schema_id]
+
+    def _edge(self, last: bool, topics: Sequence[str] | None = None) -> int:
+        """Return the first or last log time of some topics, by default of all that are ours; 0 without a message.
+
+        Chunks are read from the edge on, until no other one can have an earlier (later) message.
+        """
+        contents = self._contents
+        ours = topics or [*TOPICS, *scenery_schemas()]
+        wanted = [each for each, channel in contents.channels.items() if channel.topic in ours]
+        parts = [part for part in contents.parts if part.channels is None or not part.channels.isdisjoint(wanted)]
+        parts.sort(key=lambda part: part.span_ns[last], reverse=last)
+        if topics is None and contents.counts.keys() <= set(wanted) and parts and parts[0].span_ns != ALWAYS:
+            return parts[0].span_ns[last]
+        best: int | None = None
+        with open_mcap(self.path) as file:
+            for part in parts:
+                if best is not None and (part.span_ns[1] <= best if last else part.span_ns[0] >= best):
+                    break
+                _, table = contents.messages(file, part)
+                times = table.log_time_ns[_mask(wanted)[table.channel_id]].tolist()
+                best = (max if last else min)([*times, *([] if best is None else [best])], default=None)
+        return best or 0
 
     def _read(self, wanted: list[int], span_ns: tuple[int, int] | None = None) -> Iterator[tuple[bytes, MessageTable]]:
         """Yield every chunk, with the places of the messages of some channels; without any it is not unpacked.
 
-        span_ns: chunks that are indexed, and not in it, are left out.
+        span_ns: chunks that have no message in it are left out. Raises LogError where a message is missing.
         """
-        with container.open_mcap(self.path) as file:
-            for chunk in self._contents.chunks:
-                if isinstance(chunk, ChunkIndex):
-                    if span_ns and (chunk.message_end_time < span_ns[0] or chunk.message_start_time > span_ns[1]):
-                        continue
-                    indexed = chunk.message_index_offsets
-                    offsets = [indexed[channel_id] for channel_id in wanted if channel_id in indexed]
-                    data = _read_chunk(self.path, file, chunk.chunk_start_offset) if offsets else b""
-                    yield data, _indexed(file, data, offsets)
+        mask, left, contents = _mask(wanted), sum(self._contents.counts.get(each, 0) for each in wanted), self._contents
+        with open_mcap(self.path) as file:
+            for part in contents.parts:
+                if span_ns and (part.span_ns[1] < span_ns[0] or part.span_ns[0] > span_ns[1]):
                     continue
-                data = chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
-                table = container.message_table(data)
-                yield data, table.rows(np.isin(table.channel_id, wanted))
+                if not span_ns and part.channels is not None and part.channels.isdisjoint(wanted):
+                    yield b"", NO_MESSAGES
+                    continue
+                data, table = contents.messages(file, part)
+                table = table.rows(mask[table.channel_id])
+                left -= len(table.start)
+                if left < 0:
+                    break
+                yield data, table
+        if left < 0 or (left and not span_ns):
+            raise damaged(self.path, len(MAGIC), "there are not as many messages as the summary counts")
 
 
 def read_log(path: Path, truncated: bool = False) -> Log:
-    """Open a log. `truncated`: read a file without a summary as far as it goes.
+    """Open a log. `truncated`: read a file without an end as far as it goes.
 
-    Raises LogError, with one clear line: no MCAP file, cut off, or not a log of ours.
+    Raises LogError, with one clear line: no MCAP file, cut off, damaged, or not a log of ours.
     """
     path = Path(path)
-    with container.open_mcap(path) as file:
-        complete = container.is_complete(file)
-        if not complete and not truncated:
-            raise LogError(f"{path} is cut off (no summary): recover it with `rtstack recover {path}`")
-        try:
-            contents = contents_by_summary(file) if complete else contents_by_scan(file)
-        except LogError:
-            raise
-        except Exception as error:  # the library raises whatever half a record makes of it
-            raise LogError(f"{path} is damaged: {error or type(error).__name__}") from error
+    with open_mcap(path) as file:
+        end = end_of(file)
+        if end is None and not truncated:
+            raise LogError(f"{path} is cut off (no summary): {remedy(path)}")
+        contents = read_contents(file, end)
     topics = {channel.topic for channel in contents.channels.values()}
-    arms = (contents.schemas.get(each.schema_id) for each in contents.channels.values() if each.topic in ARM_TOPICS)
+    arms = [contents.schemas.get(each.schema_id) for each in contents.channels.values() if each.topic in ARM_TOPICS]
     ours = any(schema is not None and schema.name == ARM.schema for schema in arms)
     # or of a run that ended before its first tick
     if ours or ({"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}):
-        return Log(path, contents, complete)
-    raise LogError(f"{path} is an MCAP file but not a log of ours: topic {' or '.join(ARM_TOPICS)} is missing")
+        return Log(path, contents, end is not None)
+    reason = "has no schema of ours" if arms else "is missing"
+    raise LogError(f"{path} is an MCAP file but not a log of ours: topic {' or '.join(ARM_TOPICS)} {reason}")
 
 
-def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:
-    file.seek(offset)
-    try:
-        header = file.read(container.RECORD_HEADER)
-        body = file.read(int.from_bytes(header[1:], "little"))
-        return container.chunk_data(Chunk.read(ReadDataStream(BytesIO(body))))
-    except Exception as error:  # each decompressor has its own
-        raise LogError(f"{path} is damaged at byte {offset}: {error or type(error).__name__}") from error
+def _mask(channels: Sequence[int]) -> NDArray[np.bool_]:
+    """Return which channels are meant, by number."""
+    mask = np.zeros(NUMBERS, np.bool_)
+    mask[channels] = True
+    return mask
 
 
-def _index_entries(file: BinaryIO, offset: int) -> tuple[int, NDArray[np.int64]]:
-    """Return the channel of an index record, and (n, 2): log time, place in the chunk."""
-    file.seek(offset + container.RECORD_HEADER)
-    channel_id = int.from_bytes(file.read(2), "little")
-    entries = file.read(int.from_bytes(file.read(4), "little"))
-    if len(entries) % 16:
-        raise LogError(f"{file.name} is damaged at byte {offset}: an index is cut off")
-    return channel_id, np.frombuffer(entries, "<i8").reshape(-1, 2)
-
-
-def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
-    """The messages that the index records at these file offsets name."""
-    bytes_of = np.frombuffer(data, np.uint8)
-    columns = [np.zeros((4, 0), np.int64)]
-    for offset in offsets:
-        channel_id, entries = _index_entries(file, offset)
-        position = entries[:, 1]
-        if ((position < 0) | (position > len(data) - container.MESSAGE_HEADER)).any():
-            raise LogError(
-                f"{file.name} is damaged at byte {offset}: an index names messages that its chunk does not have"
-            )
-        # a message record is opcode, length (8 bytes), 22 bytes of numbers and times, and the message
-        lengths = bytes_of[position[:, None] + np.arange(1, container.RECORD_HEADER)].copy().view("<i8")[:, 0]
-        size = lengths - (container.MESSAGE_HEADER - container.RECORD_HEADER)
-        if ((size < 0) | (size > len(data) - container.MESSAGE_HEADER - position)).any():
-            raise LogError(f"{file.name} is damaged at byte {offset}: an index names no messages of its chunk")
-        channel = np.full(len(entries), channel_id)
-        columns.append(np.stack([channel, entries[:, 0], position + container.MESSAGE_HEADER, size]))
-    table = np.concatenate(columns, axis=1)
-    return MessageTable(table[0], table[1], table[2], table[3])
+def _in_order(records: NDArray[Any]) -> NDArray[Any]:
+    """Return records in order of time; those of one time stay in the order of the file."""
+    t_ns = records["t_ns"]
+    return records if (t_ns[1:] >= t_ns[:-1]).all() else records[np.argsort(t_ns, kind="stable")]

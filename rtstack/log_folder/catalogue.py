@@ -10,10 +10,10 @@ from enum import StrEnum
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import Metadata
 
 from rtstack.log.errors import LogError
-from rtstack.log.file.container import is_complete, open_mcap, scan
+from rtstack.log.file.container import is_complete, open_mcap, sections
+from rtstack.log.file.contents import metadata_at
 from rtstack.log.reader import read_log
 
 CACHE = "catalogue.sqlite"
@@ -160,11 +160,11 @@ def _read(path: Path) -> tuple[LogCondition, dict[str, dict[str, str]]]:
         with open_mcap(path) as file:
             if not is_complete(file):
                 metadata = {}
-                for record in scan(file):
-                    if record.opcode == Opcode.CHUNK:
+                for section in sections(file):
+                    if section.opcode == Opcode.CHUNK:
                         break  # what was asked stands before the first data
-                    if record.opcode == Opcode.METADATA:
-                        parsed = Metadata.read(record.stream())
+                    if section.opcode == Opcode.METADATA:
+                        parsed = metadata_at(file, section)
                         metadata[parsed.name] = parsed.metadata
                 return LogCondition.TRUNCATED, metadata
         return LogCondition.COMPLETE, read_log(path).metadata

@@ -55,7 +55,7 @@ def topic_signals(topic: str) -> tuple[Signal, ...]:
         for component in field.axes or ("",):
             end = f".{component}" if component else ""
             signals.append(Signal(
-                f"{group}.{field.name}{end}", topic, group, field.name, component, _unit(field, component),
+                f"{group}.{field.name}{end}", topic, group, field.name, component, unit_of(field, component),
                 len(signals), field.plain or field.name.replace("_", " "),
                 "both arms" if field.name in _OF_BOTH else group,
                 f"{group}.{field.reference}{end}" if field.reference else "",
@@ -63,7 +63,7 @@ def topic_signals(topic: str) -> tuple[Signal, ...]:
     return tuple(signals)
 
 
-def _unit(field: Field, component: str) -> str:
+def unit_of(field: Field, component: str) -> str:
     """Return the unit of one component: of a wrench N or Nm, of a twist m/s or rad/s, of a rotation none."""
     unit = _MIXED.get(field.name, field.unit)
     if field.axes in (WRENCH, TWIST):

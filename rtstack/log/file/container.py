@@ -1,58 +1,79 @@
 """MCAP record by record, whole or cut off: what the library's readers do not do for a file without an end.
 
-Only complete records are yielded. https://mcap.dev/spec
+https://mcap.dev/spec
 """
 
+import contextlib
+import os
+import stat
 import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import lz4.frame
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Chunk
 from numpy.typing import NDArray
 
-from rtstack.log.errors import LogError
+from hal.compilation import compiled
+from rtstack.log.errors import LogError, damaged, remedy
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER_SIZE = 9 + 20  # record header, two offsets and a checksum
-DATA_END_SIZE = 9 + 4  # record header, checksum: what the summary follows
 _RECORD = struct.Struct("<BQ")  # opcode, length
-MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-LARGEST_CHUNK = 64 << 20  # bytes, uncompressed; our writer's have about 1 MiB
-_CHUNK_HEADER = 40  # two times, size, checksum, length of an empty compression name, length of the data
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_CHUNK = struct.Struct("<BQQQQII")  # opcode, length, log times, size, checksum, length of the compression's name
 RECORD_HEADER = _RECORD.size
-MESSAGE_HEADER = MESSAGE.size
+MESSAGE_HEADER = _MESSAGE.size
+FOOTER_SIZE = RECORD_HEADER + 20  # two offsets and a checksum
+DATA_END_SIZE = RECORD_HEADER + 4  # checksum: what the summary follows
+_CHUNK_MIN = _CHUNK.size - RECORD_HEADER + 8  # of an empty one; some writers fill in the length last
+LARGEST_CHUNK = 64 << 20  # bytes, uncompressed; our writer's have about 1 MiB
+_LONGEST_NAME = 64  # bytes, of a compression
+_BLOCK = 4 << 20  # bytes of a run of records outside of chunks
+NUMBERS = 1 << 16  # schemas, and channels, that there can be
+LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # may stand outside of chunks
+_SUMMARY = (
+    Opcode.FOOTER, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.STATISTICS, Opcode.METADATA_INDEX,
+    Opcode.SUMMARY_OFFSET,
+)  # fmt: skip
+_ALLOWANCE, _GROWTH = 256 << 20, 64  # bytes, and times the file's size, that a file may expand to
+
+
+class Unreadable(ValueError):
+    """What a file may have, and this reader does not read."""
 
 
 @dataclass(frozen=True, slots=True)
-class RawRecord:
-    """A top-level record: where it starts in the file, and its content."""
+class Section:
+    """A record outside of chunks, or a run of schemas, channels and messages there (its first one's opcode)."""
 
     opcode: int
     offset: int
-    body: bytes
+    size: int
 
     @property
-    def size(self) -> int:
-        """Bytes in the file, the record's header included."""
-        return RECORD_HEADER + len(self.body)
+    def end(self) -> int:
+        """Where the next one begins."""
+        return self.offset + self.size
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """Where a finished file's data section and its summary end; the summary begins behind the record DATA_END."""
+
+    data: int
+    footer: int
+    summary_crc: int
 
     @property
-    def raw(self) -> bytes:
-        """The record as the file has it."""
-        return bytes([self.opcode]) + len(self.body).to_bytes(8, "little") + self.body
-
-    def stream(self) -> ReadDataStream:
-        """Return the content as the library's record classes read it."""
-        return ReadDataStream(BytesIO(self.body))
+    def summary(self) -> int:
+        """Where the summary begins."""
+        return self.data + DATA_END_SIZE
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,86 +81,144 @@ class MessageTable:
     """Where the messages of a chunk are: columns of shape (n,), positions relative to the chunk's data."""
 
     channel_id: NDArray[np.int64]
-    log_time_ns: NDArray[np.int64]
+    log_time_ns: NDArray[np.uint64]
     start: NDArray[np.int64]
     size: NDArray[np.int64]
 
-    def rows(self, chosen: NDArray[np.bool_]) -> "MessageTable":
+    def rows(self, chosen: NDArray[Any]) -> "MessageTable":
         """Return the chosen messages."""
         return MessageTable(self.channel_id[chosen], self.log_time_ns[chosen], self.start[chosen], self.size[chosen])
 
 
-def open_mcap(path: Path) -> BinaryIO:
-    """Open a file and check that it starts as an MCAP file does. Raises LogError."""
+_NONE = np.zeros(0, np.int64)
+NO_MESSAGES = MessageTable(_NONE, _NONE.view(np.uint64), _NONE, _NONE)
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """The records of a chunk's data. definitions: places of new schemas and channels; conflicts: of those that differ
+    from an earlier one of the same number; end: behind the last complete record."""
+
+    table: MessageTable
+    definitions: list[int]
+    conflicts: list[int]
+    end: int
+
+
+def open_mcap(path: Path, any_start: bool = False) -> BinaryIO:
+    """Open a file and check that it starts as an MCAP file does, or ends so (any_start). Raises LogError at once."""
     try:
-        file = open(path, "rb")  # noqa: SIM115 (the caller closes it)
-    except OSError as error:
-        raise LogError(f"cannot read {path}: {error.strerror}") from error
-    if file.read(len(MAGIC)) != MAGIC:
+        # a pipe or a device is not waited for
+        file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
+        status = os.fstat(file.fileno())
+    except (OSError, ValueError) as error:  # a zero byte in the name
+        special = os.path.lexists(path) and not os.path.isfile(path)  # a socket
+        reason = "it is not a regular file" if special else getattr(error, "strerror", None) or error
+        raise LogError(f"cannot read {path}: {reason}") from error
+    reason, size = "", status.st_size
+    if not stat.S_ISREG(status.st_mode):
+        reason = f"cannot read {path}: it is not a regular file"
+    elif not size:
+        reason = f"{path} is empty: nothing to recover"
+    elif file.read(len(MAGIC)) != MAGIC:
+        file.seek(max(0, size - len(MAGIC)))
+        ends = file.read() == MAGIC
+        if not (ends and any_start):
+            reason = f"{path} is damaged at byte 0: {remedy(path)}" if ends else f"{path} is not an MCAP file"
+    if reason:
         file.close()
-        raise LogError(f"{path} is not an MCAP file")
+        raise LogError(reason)
     return file
 
 
-def is_complete(file: BinaryIO) -> bool:
-    """Whether the file ends with a footer that points to a summary of its own. Moves the file's position.
+def end_of(file: BinaryIO, any_data_end: bool = False) -> End | None:
+    """Return where the data section and the summary of a finished file end, None of one that was cut off.
 
-    One that was cut off behind an attached MCAP ends as that one does.
+    any_data_end: the record between them may be damaged, where the summary has a checksum that fits.
+
+    A file that was cut off behind an attached MCAP ends as that one does: a footer points to where its own file says.
     """
-    size = file.seek(0, 2)
-    if size < len(MAGIC) + FOOTER_SIZE + len(MAGIC):
-        return False
-    file.seek(size - FOOTER_SIZE - len(MAGIC))
-    end = file.read()
-    opcode, _ = _RECORD.unpack_from(end)
-    summary_start = int.from_bytes(end[RECORD_HEADER : RECORD_HEADER + 8], "little")
-    if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or not DATA_END_SIZE < summary_start < size:
-        return False
-    file.seek(summary_start - DATA_END_SIZE)
-    return file.read(1) == bytes((Opcode.DATA_END,))
+    footer = file.seek(0, 2) - FOOTER_SIZE - len(MAGIC)
+    if footer < len(MAGIC) + DATA_END_SIZE:
+        return None
+    file.seek(footer)
+    opcode, length, summary, _, crc, magic = struct.unpack("<BQQQI8s", file.read())
+    data = (summary or footer) - DATA_END_SIZE
+    if (opcode, length, magic) != (Opcode.FOOTER, 20, MAGIC) or not len(MAGIC) <= data <= footer - DATA_END_SIZE:
+        return None
+    file.seek(data)
+    fits = file.read(RECORD_HEADER) == _RECORD.pack(Opcode.DATA_END, 4)
+    if any_data_end and not fits and summary:
+        file.seek(summary)
+        fits = crc == zlib.crc32(file.read(footer + FOOTER_SIZE - 4 - summary))
+    return End(data, footer, crc) if fits else None
 
 
-def scan(file: BinaryIO) -> Iterator[RawRecord]:
-    """Yield every complete record up to the end of the data section, or to where the file is cut off."""
-    size = file.seek(0, 2)
-    offset = len(MAGIC)
-    while offset + RECORD_HEADER <= size:
-        file.seek(offset)
-        opcode, length = _RECORD.unpack(file.read(RECORD_HEADER))
-        unfinished = opcode == Opcode.CHUNK and length < _CHUNK_HEADER  # some writers fill in the length last
-        if opcode == 0 or unfinished or length > size - offset - RECORD_HEADER:
-            return
-        yield RawRecord(opcode, offset, file.read(length))
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return
-        offset += RECORD_HEADER + length
+def is_complete(file: BinaryIO) -> bool:
+    """Whether the file ends as a finished one does. Moves the file's position."""
+    return end_of(file) is not None
 
 
-def tail_chunk(file: BinaryIO, offset: int) -> bytes:
-    """Return the data that can be had of a chunk record that is cut off by the end of the file, else none."""
+def section_at(file: BinaryIO, offset: int, stop: int) -> Section:
+    """Return what stands at a place of the data section, which ends before `stop`. Raises ValueError for no record."""
     file.seek(offset)
-    data = file.read()
-    if len(data) < RECORD_HEADER or data[0] != Opcode.CHUNK:
-        return b""
-    body = ReadDataStream(BytesIO(data[RECORD_HEADER:]))
-    try:
-        body.read(28)  # two times, size, checksum
-        compression = body.read_prefixed_string()
-        body.read8()  # length of the data
-        compressed = data[RECORD_HEADER + body.count :]
-        return _decompressed(compressed, compression, LARGEST_CHUNK)
-    except Exception:  # whatever a decoder makes of half a record
-        return b""
+    head = file.read(min(RECORD_HEADER, stop - offset))
+    if len(head) < RECORD_HEADER:
+        raise ValueError("a record is cut off")
+    opcode, length = _RECORD.unpack(head)
+    if opcode == 0 or opcode in _SUMMARY or (opcode == Opcode.HEADER and offset != len(MAGIC)):
+        raise ValueError(f"a record of kind {opcode} has no place here")
+    if length > stop - offset - RECORD_HEADER:
+        raise ValueError(f"a record has {length} bytes, and {stop - offset - RECORD_HEADER} are left")
+    if opcode == Opcode.CHUNK and length < _CHUNK_MIN:
+        raise ValueError(f"a chunk has {length} bytes")
+    size = RECORD_HEADER + length
+    if opcode in LOOSE:
+        file.seek(offset)
+        size = max(size, _run(np.frombuffer(file.read(min(_BLOCK, stop - offset)), np.uint8)))
+    return Section(opcode, offset, size)
 
 
-def _decompressed(data: bytes, compression: str, largest: int) -> bytes:
+def sections(file: BinaryIO) -> Iterator[Section]:
+    """Yield what a file has one after another, up to where it is cut off or damaged."""
+    offset, stop = len(MAGIC), file.seek(0, 2)
+    with contextlib.suppress(ValueError):
+        while offset < stop:
+            section = section_at(file, offset, stop)
+            yield section
+            offset = section.end
+
+
+def chunk_at(file: BinaryIO, section: Section, head: bool = False, cut: bool = False) -> Chunk:
+    """Return a chunk; `head`: without its data; `cut`: whatever its length, with the data that are there.
+
+    Raises ValueError for a chunk that does not fit, struct.error for half a head.
+    """
+    if section.size > 2 * LARGEST_CHUNK and not cut:
+        raise Unreadable(f"a chunk has {section.size} bytes: at most {LARGEST_CHUNK} are read")
+    file.seek(section.offset)
+    raw = file.read(min(section.size, _CHUNK.size + _LONGEST_NAME + 8 if head else 2 * LARGEST_CHUNK))
+    _, _, first_ns, last_ns, size, crc, named = _CHUNK.unpack_from(raw)
+    place = _CHUNK.size + named + 8
+    if named > _LONGEST_NAME or place > section.size:
+        raise ValueError(f"the name of a chunk's compression has {named} bytes")
+    stored = int.from_bytes(raw[place - 8 : place], "little")
+    if stored > section.size - place and not cut:
+        raise ValueError(f"a chunk says that it has {stored} bytes, and has {section.size - place}")
+    return Chunk(
+        compression=raw[_CHUNK.size : place - 8].decode(), data=raw[place : place + stored], uncompressed_size=size,
+        uncompressed_crc=crc, message_start_time=first_ns, message_end_time=last_ns,
+    )  # fmt: skip
+
+
+def decompressed(data: bytes, compression: str, largest: int = LARGEST_CHUNK) -> bytes:
     """Return at most so many bytes of compressed data, which may be cut off or expand to more than memory holds."""
     if compression == "lz4":
         return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=largest)
     if compression == "zstd":
-        return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=False).read(largest)
+        return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read(largest)
     if compression:
-        raise ValueError(f"a chunk's compression is {compression!r}: only lz4 and zstd are known")
+        raise Unreadable(f"a chunk's compression is {compression!r}: only lz4 and zstd are known")
     return data
 
 
@@ -149,8 +228,8 @@ def chunk_data(chunk: Chunk) -> bytes:
     """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
-        raise ValueError(f"a chunk of {size} bytes: at most {LARGEST_CHUNK} are read")
-    data = _decompressed(chunk.data, chunk.compression, size + 1)
+        raise Unreadable(f"a chunk of {size} bytes: at most {LARGEST_CHUNK} are read")
+    data = decompressed(chunk.data, chunk.compression, size + 1)
     if len(data) != size:
         raise ValueError(f"a chunk says that it has {size} bytes, and has {'more' if len(data) > size else len(data)}")
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
@@ -158,38 +237,87 @@ def chunk_data(chunk: Chunk) -> bytes:
     return data
 
 
-def walk(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield (opcode, position, position of the next record) of every complete record in a chunk's data."""
-    position, end = 0, len(data)
-    while position + RECORD_HEADER <= end:
-        opcode, length = _RECORD.unpack_from(data, position)
-        following = position + RECORD_HEADER + length
-        if following > end:
-            return
-        yield opcode, position, following
-        position = following
+def section_data(file: BinaryIO, section: Section) -> bytes:
+    """Return the schemas, channels and messages of a chunk or of a run outside of chunks. Raises LogError."""
+    try:
+        if section.opcode == Opcode.CHUNK:
+            return chunk_data(chunk_at(file, section))
+        if section.size > LARGEST_CHUNK:
+            raise Unreadable(f"a record has {section.size} bytes: at most {LARGEST_CHUNK} are read")
+    except Unreadable as error:
+        cause = f"cannot be read at byte {section.offset}: {error}"
+        raise LogError(f"{file.name} {cause}; if it was damaged, {remedy(Path(file.name))}") from error
+    except Exception as error:  # each decompressor has its own
+        raise damaged(Path(file.name), section.offset, error or type(error).__name__) from error
+    file.seek(section.offset)
+    return file.read(section.size)
 
 
-def message_table(data: bytes) -> MessageTable:
-    """Find the messages in a chunk's data, complete ones only."""
-    rows: list[tuple[int, int, int, int]] = []
-    for opcode, position, following in walk(data):
-        if opcode == Opcode.MESSAGE:
-            _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data, position)
-            rows.append((channel, log_time, position + MESSAGE_HEADER, following - position - MESSAGE_HEADER))
-    columns = np.array(rows, np.int64).reshape(-1, 4).T
-    return MessageTable(columns[0], columns[1], columns[2], columns[3])
+def growth_max(file_size: int) -> int:
+    """Return how many bytes a file of this size may expand to: the measured logs expand to 2 to 10 times their size."""
+    return _ALLOWANCE + _GROWTH * file_size
 
 
-def definitions(data: bytes) -> tuple[dict[int, Schema], dict[int, Channel]]:
-    """Return the schemas and channels that a chunk's data defines, by number."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    for opcode, position, following in walk(data):
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(ReadDataStream(BytesIO(data[position + RECORD_HEADER : following])))
-            schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(ReadDataStream(BytesIO(data[position + RECORD_HEADER : following])))
-            channels[channel.id] = channel
-    return schemas, channels
+def walk(data: bytes, seen: NDArray[np.int64]) -> Walk:
+    """Find the complete records in a chunk's data.
+
+    seen: checksums of the schemas and channels found so far, shape (2 * NUMBERS,); those in the data are added.
+    """
+    rows = np.empty((4, len(data) // MESSAGE_HEADER + 1), np.int64)
+    places = np.empty(min(len(data) // RECORD_HEADER, 2 * NUMBERS) + 1, np.int64)
+    messages, defined, end = _walk(np.frombuffer(data, np.uint8), seen, rows, places)
+    channel, time, start, size = rows[:, :messages]
+    new = places[:defined].tolist()
+    table = MessageTable(channel, time.view(np.uint64), start, size)
+    return Walk(table, [place for place in new if place >= 0], [~place for place in new if place < 0], end)
+
+
+@compiled
+def _walk(data, seen, rows, places):
+    place, messages, defined = 0, 0, 0
+    while place + RECORD_HEADER <= len(data):
+        opcode, length = np.int64(data[place]), _number(data, place + 1, 8)
+        body = place + RECORD_HEADER
+        if opcode == 0 or length < 0 or length > len(data) - body:
+            break
+        if opcode == 5:  # Opcode.MESSAGE
+            if length < MESSAGE_HEADER - RECORD_HEADER:
+                break
+            rows[0, messages], rows[1, messages] = _number(data, body, 2), _number(data, body + 6, 8)
+            rows[2, messages] = place + MESSAGE_HEADER
+            rows[3, messages] = length - (MESSAGE_HEADER - RECORD_HEADER)
+            messages += 1
+        elif opcode in (3, 4):  # Opcode.SCHEMA, Opcode.CHANNEL
+            if length < 2 or defined == len(places):
+                break
+            checksum = 2166136261  # FNV-1a, 32 bit
+            for k in range(body, body + length):
+                checksum = ((checksum ^ data[k]) * 16777619) & 0xFFFFFFFF
+            key = (opcode - 3) * NUMBERS + _number(data, body, 2)
+            if seen[key] != checksum + 1:
+                places[defined] = place if seen[key] == 0 else ~place
+                defined += 1
+            if seen[key] == 0:
+                seen[key] = checksum + 1
+        place = body + length
+    return messages, defined, place
+
+
+@compiled
+def _run(data):
+    """Return how many bytes of complete schemas, channels and messages the data begin with."""
+    place = 0
+    while place + RECORD_HEADER <= len(data) and data[place] in (3, 4, 5):
+        length = _number(data, place + 1, 8)
+        if length < 0 or length > len(data) - place - RECORD_HEADER:
+            break
+        place += RECORD_HEADER + length
+    return place
+
+
+@compiled
+def _number(data, place, size):
+    value = 0
+    for k in range(size):
+        value |= np.int64(data[place + k]) << (8 * k)
+    return value
