@@ -2,7 +2,8 @@
 
 import json as json_module
 import time
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,44 +11,126 @@ import typer
 
 from rtstack.cli.options import Json
 from rtstack.cli.progress import progress_bar
+from rtstack.cli.tables import print_table
 from rtstack.log.errors import LogError
 
 if TYPE_CHECKING:
     from rtstack.datasets.export import Format
+    from rtstack.datasets.selection import Candidate
 
 commands = typer.Typer()
 
 
 @commands.command()
 def export(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Each becomes an episode.")],
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG.mcap...", help="Logs, and folders of logs: an episode each.")
+    ],
     out: Annotated[
         Path, typer.Argument(metavar="OUT", help="A folder for lerobot and zarr, a file for hdf5; it must not exist.")
     ],
     to: Annotated[Literal["lerobot", "hdf5", "zarr"], typer.Option("--to", help="The form of the data set.")],
+    since: Annotated[
+        str, typer.Option("--from", metavar="DATE", help="Not before: 2026-11-26 or 2026-11-26T08:30, UTC.")
+    ] = "",
+    until: Annotated[str, typer.Option(metavar="DATE", help="Not after, UTC; a day to its end.")] = "",
+    object: Annotated[str, typer.Option(metavar="NAME", help="What was handled.")] = "",
+    controller: Annotated[str, typer.Option(metavar="NAME")] = "",
+    kind: Annotated[str, typer.Option(metavar="NAME", help="trial, demonstration, recording, playback ...")] = "",
+    operator: Annotated[str, typer.Option(metavar="NAME", help="By whom the arms were led.")] = "",
+    tag: Annotated[
+        list[str] | None, typer.Option(metavar="TAG", help="That the log has; again for a second one.")
+    ] = None,
+    verdict: Annotated[str, typer.Option(metavar="WORD", help="kept, failed, discard; expected, unexpected.")] = "",
+    success: Annotated[
+        Literal["true", "false", "any"] | None,
+        typer.Option(
+            help="Which runs. By default those with success, and those with the verdict kept.", show_default=False
+        ),
+    ] = None,
+    words: Annotated[str, typer.Option("--filter", metavar="WORDS", help="As in `rtstack logs list`: force>30.")] = "",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="List what would be taken, and why not. Write nothing.")
+    ] = False,
     fps: Annotated[int, typer.Option(help="lerobot, zarr: frames in a second, a divisor of 1000.")] = 50,
     no_ticks: Annotated[bool, typer.Option("--no-ticks", help="lerobot, zarr: without the 1 kHz samples.")] = False,
+    video: Annotated[bool, typer.Option("--video", help="lerobot: pictures as films of H.264.")] = False,
     json: Json = False,
 ) -> None:
-    """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended."""
+    """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended.
+
+    Runs that were discarded, failed, or have no result are left out unless --verdict or --success asks for them.
+    """
+    from rtstack.datasets.export import NothingToExport
     from rtstack.datasets.export import export as write_data_set
     from rtstack.datasets.hdf5 import Hdf5
     from rtstack.datasets.lerobot import LeRobot
+    from rtstack.datasets.selection import Success
     from rtstack.datasets.zarr import Zarr
 
     if to == "hdf5" and no_ticks:
         raise LogError("--no-ticks is of lerobot and zarr: hdf5 has every sample")
-    form: Format = Hdf5() if to == "hdf5" else {"lerobot": LeRobot, "zarr": Zarr}[to](fps, not no_ticks)
+    if to != "lerobot" and video:
+        raise LogError("--video is of lerobot: zarr has pictures as arrays, hdf5 has none")
+    form: Format = Hdf5() if to == "hdf5" else LeRobot(fps, not no_ticks, video)
+    if to == "zarr":
+        form = Zarr(fps, not no_ticks)
+    asked = {
+        "date>=": since, "date<=": until, "object=": object, "controller=": controller, "kind=": kind,
+        "operator=": operator, "verdict=": verdict,
+    }  # fmt: skip
+    parts = [f'{key}"{value}"' for key, value in asked.items() if value] + [f'tag="{each}"' for each in tag or ()]
     began_s = time.perf_counter()
-    with progress_bar("exporting", not json) as progress:
-        done = write_data_set(logs, out, form, progress)
+    try:
+        with progress_bar("exporting", not json) as progress:
+            query = " ".join(filter(None, (*parts, words)))
+            done = write_data_set(
+                logs, out, form, progress, query=query, success=success and Success(success), dry_run=dry_run
+            )
+    except NothingToExport as error:
+        _say_left_out(error.candidates)
+        raise
     took_s = time.perf_counter() - began_s
     if json:
-        typer.echo(json_module.dumps({**asdict(done), "took_s": took_s, "out": str(out)}))
+        known = {"episodes": done.episodes, "present": done.present, "robot_s": done.robot_s, "took_s": took_s}
+        told = [{"log": str(each.path), "why": each.why} for each in done.candidates]
+        typer.echo(json_module.dumps({**known, "out": str(out), "dry_run": dry_run, "logs": told}))
         return
-    left = f", {done.present} of them were there" if done.present else ""
+    if dry_run:
+        columns = ("log", "UTC", "kind", "controller", "object", "verdict", "taken")
+        print_table(columns, map(_cells, done.candidates), "no logs")
+        typer.echo(f"would write {out}: {_counted(done.candidates)}; nothing was written")
+        return
+    _say_left_out(done.candidates)
+    left = f", {done.present} of the episodes were there" if done.present else ""
     faster = f"; {done.robot_s:.0f} s of robot's time in {took_s:.1f} s" if done.robot_s else ""
-    typer.echo(f"wrote {out}: {done.episodes} episodes{left}{faster}")
+    typer.echo(f"wrote {out}: {_counted(done.candidates)}{left}{faster}")
+
+
+def _counted(candidates: "Sequence[Candidate]") -> str:
+    taken = sum(not each.why for each in candidates)
+    return f"{taken} episode{'' if taken == 1 else 's'}, {len(candidates) - taken} left out"
+
+
+def _say_left_out(candidates: "Sequence[Candidate]") -> None:
+    """Print a line for each log that cannot be an episode, and how many the filters have left out."""
+    for each in candidates:
+        if each.wrong:
+            typer.echo(f"rtstack: left out {each.path}: {each.why}", err=True)
+    for why, count in Counter(each.why for each in candidates if each.why and not each.wrong).most_common():
+        typer.echo(f"rtstack: left out {count}: {why}", err=True)
+
+
+def _cells(candidate: "Candidate") -> tuple[str, ...]:
+    row = candidate.row
+    told = () if row is None else (row.kind, row.controller, row.object, row.episode_verdict)
+    words = [str(each or "") for each in (*told, *[""] * (4 - len(told)))]
+    return (
+        candidate.path.name,
+        (candidate.recorded or "")[:19],
+        *words,
+        f"no: {candidate.why}" if candidate.why else "yes",
+    )
 
 
 @commands.command("import")

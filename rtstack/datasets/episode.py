@@ -4,9 +4,8 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,18 @@ from numpy.typing import NDArray
 from hal.topic import Topic
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.log.time_of_day import TimeOfDay, iso, time_of_day
 from rtstack.log.writing.job import Attachment
 from rtstack.log.writing.pictures import camera_topics
+from rtstack.log_folder.catalogue import entry_of
+from rtstack.log_folder.log_rows import LogRow, log_row
+from rtstack.log_folder.remarks import EpisodeVerdict
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, TOPICS
 
 PICTURES = re.compile(r"/camera/(\w+)/image")
-_STAMP = re.compile(r"(\d{8})-(\d{6})-")  # of the logs of `rtstack up`: UTC
 NONE = "none"  # a label that the log does not have
+_LEAST = 0.25  # of a quaternion of length one: the first component of such a size has the sign +
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +42,10 @@ class Pictures:
 
 @dataclass(frozen=True)
 class Episode:
-    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time.
+    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time;
+    quaternions are continuous. row: as the list of logs has it.
 
-    pictures: of each camera, by its name."""
+    time: how its times are UTC, None where it does not say. pictures: of each camera, by its name."""
 
     path: Path
     digest: str
@@ -49,6 +53,8 @@ class Episode:
     metadata: Mapping[str, Mapping[str, str]]
     attachments: tuple[Attachment, ...]
     records: Mapping[str, NDArray[Any]]
+    row: LogRow
+    time: TimeOfDay | None
     pictures: Mapping[str, Pictures] = field(default_factory=dict)
 
     @property
@@ -58,17 +64,32 @@ class Episode:
 
     @property
     def labels(self) -> dict[str, str]:
-        """What came out: success (true or false), impact_verdict and failure_reason; "none" where the log has none."""
-        result = self.metadata.get("result", {})
-        found = {name: result.get(name, "null") for name in ("success", "impact_verdict", "failure_reason")}
-        return {name: NONE if value == "null" else value for name, value in found.items()}
+        """What came out, "none" where the log does not say it: success (true or false), a person's episode_verdict,
+        outcome in one line, the monitor's impact_verdict and its reasons, and why and by which fault the run ended."""
+        result, fault = self.metadata.get("result", {}), self.metadata.get("fault", {})
+        success = success_of(self.row)
+        names = ("impact_verdict", "impact_kind", "impact_reason", "failure_reason")
+        return _worded({
+            "success": None if success is None else str(success).lower(),
+            "episode_verdict": self.row.episode_verdict, "outcome": self.row.outcome,
+            **{name: result.get(name) for name in names},
+            "fault": ": ".join(filter(None, (fault.get("end"), fault.get("detail")))),
+            "ended": self.metadata.get("log", {}).get("ended"),
+        })  # fmt: skip
 
     @property
     def facts(self) -> dict[str, str]:
-        """What was asked: kind, object, controller, cell, seed; "none" where the log does not say it."""
-        trial, result = self.metadata.get("trial", {}), self.metadata.get("result", {})
-        names = ("kind", "object", "controller", "cell", "seed")
-        return {name: trial.get(name) or result.get(name) or NONE for name in names}
+        """What was asked, by which operator, and when; "none" where the log does not say it. recorded_utc: of its first
+        sample, with how exact that is."""
+        trial, result, time = self.metadata.get("trial", {}), self.metadata.get("result", {}), self.time
+        names = ("kind", "object", "controller", "cell", "seed", "operator")
+        known = None if time is None else time.synchronised
+        return _worded({
+            **{name: trial.get(name) or result.get(name) for name in names}, "tags": " ".join(self.row.tags),
+            "recorded_utc": time and iso(time.unix_ns(self.start_ns)), "utc_uncertainty_s": time and time.uncertainty_s,
+            "utc_clock": None if known is None else ("" if known else "not ") + "synchronised",
+            "utc_clock_error_s": time and time.error_s,
+        })  # fmt: skip
 
     @property
     def task(self) -> str:
@@ -77,14 +98,6 @@ class Episode:
         if thing == NONE:
             return f"move {arms}"
         return f"{self.metadata.get('trial', {}).get('motion', 'grab')} the {thing.replace('_', ' ')} with {arms}"
-
-    @property
-    def recorded(self) -> datetime:
-        """When it was recorded, UTC: by the name that `rtstack up` gives a log, else by the file's last change."""
-        named = _STAMP.match(self.path.name)
-        if named:
-            return datetime.strptime(named[1] + named[2], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-        return datetime.fromtimestamp(self.path.stat().st_mtime, UTC)
 
     @cached_property
     def cell(self) -> Mapping[str, Any]:
@@ -100,6 +113,15 @@ class Episode:
         return json.dumps(
             {"file": self.path.name, "sha256": self.digest} | {k: dict(v) for k, v in self.metadata.items()}
         )
+
+
+def _worded(values: Mapping[str, Any]) -> dict[str, str]:
+    return {name: NONE if value in (None, "", "null") else str(value) for name, value in values.items()}
+
+
+def success_of(row: LogRow) -> bool | None:
+    """Return whether a run has succeeded, None where nothing says it: what a person called failed has not."""
+    return False if row.episode_verdict is EpisodeVerdict.FAILED else row.success
 
 
 def check_log(path: Path) -> Log:
@@ -124,9 +146,38 @@ def read_episode(path: Path, digest: str) -> Episode:
         for name, part in batch.records.items():
             parts[name].append(part)
     records = {name: np.concatenate(each) for name, each in parts.items()}
+    for name, topic in TOPICS.items():
+        for one in topic.message.fields:
+            for k in quaternions_of(one.axes):
+                values = records[name][one.name]
+                values[:, k : k + 4] = continuous(values[:, k : k + 4])
     cameras = (found[1] for topic in log.topics if (found := PICTURES.fullmatch(topic)))
     pictures = {name: shown for name in cameras if (shown := _pictures(log, name)).t_ns}
-    return Episode(path, digest, log.start_ns, log.metadata, log.attachments, records, pictures)
+    row = log_row(entry_of(path), None)
+    about = log.start_ns, log.metadata, log.attachments
+    return Episode(path, digest, *about, records, row, time_of_day(log), pictures)
+
+
+def quaternions_of(axes: Sequence[str]) -> list[int]:
+    """Return where the quaternions of a field begin: at w of four neighbours w, x, y, z whose names begin alike."""
+    names = [(axis[:-1], axis[-1]) for axis in axes]
+    return [k for k, (prefix, _) in enumerate(names) if names[k : k + 4] == [(prefix, each) for each in "wxyz"]]
+
+
+def continuous(quaternions: NDArray[np.float64], begins: bool = True) -> NDArray[np.float64]:
+    """Return quaternions wxyz (n, 4) without changes of sign: each has that of the one before, q or -q.
+
+    Rows of zeros or NaN stay, and are passed over. begins: in the first one the first component that is not small is
+    positive, so that episodes of one pose begin alike, also where w is nearly 0; else it stays.
+    """
+    found = quaternions.copy()
+    known = np.isfinite(found).all(axis=1) & found.any(axis=1)
+    rows = found[known]
+    if len(rows):
+        first = rows[0][np.abs(rows[0]) >= _LEAST * np.linalg.norm(rows[0])][0]
+        turned = np.einsum("ij,ij->i", rows[1:], rows[:-1]) < 0.0
+        found[known] = rows * np.cumprod(np.where([begins and first < 0.0, *turned], -1.0, 1.0))[:, None]
+    return found
 
 
 def _pictures(log: Log, name: str) -> Pictures:

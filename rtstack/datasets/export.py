@@ -7,18 +7,18 @@ import contextlib
 import os
 import re
 import shutil
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from rtstack.datasets.episode import PICTURES, Episode, check_log, digest_of, read_episode
+from rtstack.datasets.episode import Episode, read_episode
+from rtstack.datasets.selection import Candidate, Success, select, unreadable
 from rtstack.log.errors import LogError
-from rtstack.log.reader import Log
-from rtstack.topics import TICK_TOPICS
 
-_OURS = re.compile(r"unfinished|whole|\d{6}-[0-9a-f]{16}-[\w-]+")  # what an export leaves in OUT.partial
+_OURS = re.compile(r"unfinished|whole|(\d{6}-)?[0-9a-f]{16}-[\w-]+")  # what an export leaves in OUT.partial
 
 
 class Format(Protocol):
@@ -29,55 +29,86 @@ class Format(Protocol):
     settings: str
     alike: bool
 
-    def write(self, episode: Episode, path: Path) -> None:
-        """Write an episode as a file. Raises LogError for one that cannot be."""
+    def check(self, episode: Episode) -> None:
+        """Raise LogError for an episode that cannot be written."""
 
-    def join(self, episodes: Sequence[Path], whole: Path) -> None:
-        """Make the data set `whole`, which is not there, of the episodes' files, which stay."""
+    def write(self, episode: Episode, path: Path) -> None:
+        """Write an episode as a file or folder. Raises LogError for one that cannot be."""
+
+    def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
+        """Make the data set `whole`, which is not there, of the episodes' files, which stay. about: `selection`, what
+        was asked for, and `left_out`, a list of log and why."""
+
+
+class NothingToExport(LogError):
+    """No log can be exported. candidates: all logs, with the reasons."""
+
+    def __init__(self, candidates: Sequence[Candidate]) -> None:
+        self.candidates = candidates
+        first, *others = candidates
+        more = f", and {len(others)} more are left out" if others else ""
+        super().__init__(f"there is nothing to export: {first.path}: {first.why}{more}")
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What an export did. present: episodes that an interrupted one had left; robot_s: robot's time in the others."""
+    """What an export did, or would do. present: episodes that an interrupted one had left; robot_s: robot's time in the
+    others; candidates: all logs, in the order of the episodes, those that are left out with the reason."""
 
     episodes: int
     present: int
     robot_s: float
+    candidates: tuple[Candidate, ...]
 
 
-def export(logs: Sequence[Path], out: Path, form: Format, progress: Callable[[float], None] | None = None) -> Exported:
-    """Write the data set `out` of logs, an episode each, in their order. Raises LogError with one line.
+def export(
+    places: Sequence[Path], out: Path, form: Format, progress: Callable[[float], None] | None = None, *,
+    query: str = "", success: Success | None = None, dry_run: bool = False,
+) -> Exported:  # fmt: skip
+    """Write the data set `out` of logs, an episode each, in their order.
 
-    Everything that a file's summary can tell is checked before anything is written. What an interrupted export of the
-    same logs left in OUT.partial is not made again.
+    What an interrupted export of the same logs left in OUT.partial is not made again. A log that cannot be an episode
+    is left out, and the data set has a list of those with the reasons.
+
+    Args:
+        places, query, success: see rtstack.datasets.selection.select.
+        form: how the data set is written.
+        progress: takes the fraction that is done.
+        dry_run: read everything and write nothing.
+
+    Raises LogError with one line; NothingToExport where no log is left.
     """
     partial = out.with_name(out.name + ".partial")
-    digests = _check(logs, out, partial, form)
+    _check(out, partial, form)
+    candidates = select(places, query, success, form.alike)
+    if not candidates:
+        raise LogError("name the logs to export, or their folder")
     present, robot_s = 0, 0.0
     episodes: list[Path] = []
     try:
-        partial.mkdir(exist_ok=True)
-        for number, (path, digest) in enumerate(zip(logs, digests, strict=True)):
-            episodes.append(partial / f"{number:06d}-{digest[:16]}-{form.settings}")
-            if episodes[-1].exists():
+        for number, each in enumerate(candidates):
+            remarks = each.row and zlib.crc32(repr((each.row.episode_verdict, each.row.tags)).encode())  # are in it too
+            path = partial / f"{each.digest[:16]}-{remarks}-{form.settings}"
+            if not each.why and path.exists() and not dry_run:
                 present += 1
-            else:
-                episode = read_episode(path, digest)
-                unfinished = partial / "unfinished"
-                unfinished.unlink(missing_ok=True)
-                form.write(episode, unfinished)
-                os.replace(unfinished, episodes[-1])
-                robot_s += 1e-9 * int(max(records["t_ns"][-1] for records in episode.records.values() if len(records)))
-                robot_s -= 1e-9 * episode.start_ns
+                episodes.append(path)
+            elif not each.why:
+                try:
+                    robot_s += _made(each, path, form, dry_run)
+                    episodes.append(path)
+                except LogError as error:
+                    candidates[number] = each.without(unreadable(each.path, error))
             if progress is not None:
-                progress((number + 1) / (len(logs) + 1))
-        whole = partial / "whole"
-        if whole.is_dir():
-            shutil.rmtree(whole)
-        whole.unlink(missing_ok=True)
-        form.join(episodes, whole)
-        os.rename(whole, out)
-        shutil.rmtree(partial)
+                progress((number + 1) / (len(candidates) + 1))
+        if not episodes:
+            raise NothingToExport(candidates)
+        if not dry_run:
+            _remove(whole := partial / "whole")
+            left_out = [{"log": each.path.name, "why": each.why} for each in candidates if each.why]
+            asked = f"success={success or 'true'}"
+            form.join(episodes, whole, {"selection": f"{query} {asked}".strip(), "left_out": left_out})
+            os.rename(whole, out)
+            shutil.rmtree(partial)
     except OSError as error:
         raise LogError(
             f"cannot write {out}: {error.strerror or error}; the same command goes on where this one ended"
@@ -85,37 +116,36 @@ def export(logs: Sequence[Path], out: Path, form: Format, progress: Callable[[fl
     finally:
         with contextlib.suppress(OSError):
             partial.rmdir()  # where nothing is in it, nothing was written
-    return Exported(len(logs), present, robot_s)
+    return Exported(len(episodes), present, robot_s, tuple(candidates))
 
 
-def _check(logs: Sequence[Path], out: Path, partial: Path, form: Format) -> list[str]:
-    """Return the digest of each log. Raises LogError for what can be known to be wrong before anything is written."""
+def _made(candidate: Candidate, path: Path, form: Format, dry_run: bool) -> float:
+    """Write an episode's file, and return its robot's time, s. Raises LogError."""
+    episode = read_episode(candidate.path, candidate.digest)
+    form.check(episode)
+    if not dry_run:
+        path.parent.mkdir(exist_ok=True)
+        _remove(unfinished := path.with_name("unfinished"))
+        form.write(episode, unfinished)
+        os.replace(unfinished, path)
+    return 1e-9 * (max(int(each["t_ns"][-1]) for each in episode.records.values() if len(each)) - episode.start_ns)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+
+
+def _check(out: Path, partial: Path, form: Format) -> None:
+    """Raise LogError for what can be known to be wrong before a log is read."""
     if out.exists():
         raise LogError(f"{out} exists already: choose another name, or remove it")
     if not out.parent.is_dir():
         raise LogError(f"cannot write {out}: the folder {out.parent} does not exist")
     if partial.exists() and not (partial.is_dir() and all(_OURS.fullmatch(each.name) for each in partial.iterdir())):
         raise LogError(f"{partial} is not what an export has left: choose another name for {out.name}, or remove it")
-    have = [_have(check_log(path)) for path in logs]
-    for path, each in zip(logs, have, strict=True):
-        if form.alike and each != have[0]:
-            other = ", ".join(sorted(each ^ have[0]))
-            raise LogError(f"{path}: not both it and {logs[0]} have {other}: export it by itself")
     check_installed(form.needs)
-    digests: dict[str, Path] = {}  # a copy or another name of a log is the same episode
-    for path in logs:
-        digest = digest_of(path)
-        if digest in digests:
-            raise LogError(
-                f"a log is named twice, {path} is {digests[digest]}: an episode would be in the data set twice"
-            )
-        digests[digest] = path
-    return list(digests)
-
-
-def _have(log: Log) -> set[str]:
-    """Return the topics that decide which features the frames of a log have."""
-    return {name for name in log.topics if log.count(name) and (name in TICK_TOPICS or PICTURES.fullmatch(name))}
 
 
 def check_installed(modules: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hal.base.record import Field
 from hal.state import ARM_STATE_FIELDS
 from hal.topic import Topic
-from rtstack.datasets.episode import Episode, Pictures, field_attributes
+from rtstack.datasets.episode import Episode, Pictures, continuous, field_attributes, quaternions_of
 from rtstack.log.errors import LogError
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
@@ -44,6 +44,12 @@ class FrameFormat:
             raise LogError(f"--fps {fps}: frames begin at ticks of 1 kHz, so that 1000 is a multiple of it, as of 50")
         self.fps, self.ticks, self.settings = fps, ticks, f"{self.name}-{fps}" + ("" if ticks else "-frames")
 
+    def check(self, episode: Episode) -> None:
+        """See Format: it has to be as long as one frame."""
+        first_ns, last_ns = span_of(episode)
+        if (last_ns - first_ns) // TICK_NS + 1 < TICKS // self.fps:
+            raise LogError(f"{episode.path}: it is shorter than one frame at --fps {self.fps}")
+
 
 def pictures_at(episode: Episode, pictures: Pictures, count: int, fps: int) -> NDArray[np.intp]:
     """Return which picture was the newest at each of the frames, (count,); before the first one it is that."""
@@ -58,7 +64,7 @@ def span_of(episode: Episode) -> tuple[int, int]:
 
 
 def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Feature]:
-    """Return what the frames of an episode have, by name: (n, ...) each. Raises LogError where it has none.
+    """Return what the frames of an episode have, by name: (n, ...) each.
 
     The samples of a tick are those of its time, or the newest before it where the log has none of that time. ticks:
     these samples too.
@@ -66,14 +72,13 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
     step = TICKS // fps
     first_ns, last_ns = span_of(episode)
     frames = ((last_ns - first_ns) // TICK_NS + 1) // step
-    if frames < 1:
-        raise LogError(f"{episode.path}: it is shorter than one frame at --fps {fps}")
     times = first_ns + TICK_NS * np.arange(frames * step)
     at = {
         name: records[np.maximum(np.searchsorted(records["t_ns"], times, side="right") - 1, 0)]
         for name, records in episode.records.items()
         if len(records) and TOPICS[name].rate_hz
     }
+    frame_ns = times[step - 1 :: step]
     found: dict[str, Feature] = {}
     arms, controls = (_topics(topics, episode.sides) for topics in (ARM_TOPICS, CONTROL_TOPICS))
     state = [_of_arms(at, arms, _field(TOPICS[arms[0]], name)) for name in ("q", "dq")]
@@ -83,15 +88,22 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
     )  # fmt: skip
     wanted = _of_arms(at, controls, _field(TOPICS[controls[0]], "pose_ref"))
     ends = np.minimum(step * np.arange(2, frames + 2) - 1, len(times) - 1)
-    found["action"] = Feature(wanted.values[ends], wanted.names, {
+    asked = wanted.values[ends]
+    for k in quaternions_of(wanted.names):
+        asked[:, k : k + 4] = continuous(asked[:, k : k + 4], begins=False)  # of frames that are far apart
+    found["action"] = Feature(asked, wanted.names, {
         **wanted.attributes, "description": f"{wanted.attributes['description']} At the next frame."
     })  # fmt: skip
     pose = np.zeros(frames, TOPICS[OBJECT_TOPIC].record)
     if OBJECT_TOPIC in at:
         known = at[OBJECT_TOPIC][step - 1 :: step]
-        pose = np.where(known["t_ns"] <= times[step - 1 :: step], known, pose)  # none before the first
+        pose = np.where(known["t_ns"] <= frame_ns, known, pose)  # none before the first
+    utc_ns = np.full(frames, -1) if episode.time is None else episode.time.unix_ns(frame_ns)
+    text = "Unix time of the frame; -1 where the log has no time of day."
+    found["timing.utc_ns"] = Feature(utc_ns, ("utc_ns",), {"unit": "ns", "description": text})
+    turns = continuous(pose["orientation_wxyz"])
     found["observation.environment_state"] = Feature(
-        np.column_stack([pose["position"], pose["orientation_wxyz"], pose["seen"]]),
+        np.column_stack([pose["position"], turns, pose["seen"]]),
         ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
         {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
     )

@@ -1,4 +1,5 @@
-"""HDF5 in the form of the TU/e Impact-Aware Robotics Database: one file, a group Rec_<UTC time> for each recording.
+"""HDF5 in the form of the TU/e Impact-Aware Robotics Database: one file, a group Rec_<UTC time> for each recording,
+Rec_unknown_time where the log does not have the time of day.
 
 The names in capitals, `datalog`, `transforms` and their attributes are those that the database's published readers ask
 for (docs/howto/dataset.md says which parts are known).
@@ -6,6 +7,7 @@ for (docs/howto/dataset.md says which parts are known).
 
 import io
 import itertools
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +17,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hal.topic import Topic
-from rtstack.datasets.episode import Episode, field_attributes
+from rtstack.datasets.episode import NONE, Episode, field_attributes
 from rtstack.topics import OBJECT_TOPIC, TOPICS
 
 TIME = "Time(s)"  # the first column of a datalog, s since the recording's first sample
+UTC = "utc_ns"  # the second one, where the log has the time of day
 _FILTERS = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # which every reader of HDF5 has
 _ROWS = 2048  # of a chunk: 2 s of the fastest topics
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
@@ -33,8 +36,9 @@ class Hdf5:
 
     def write(self, episode: Episode, path: Path) -> None:
         with _new_file(path) as file:
-            recording = file.create_group(f"Rec_{episode.recorded:%Y%m%dT%H%M%SZ}")
-            recording.attrs["recording_timestamp"] = f"{episode.recorded:%Y-%m-%dT%H:%M:%SZ}"
+            began = None if episode.time is None else episode.time.utc(episode.start_ns)
+            recording = file.create_group(f"Rec_{began:%Y%m%dT%H%M%SZ}" if began else "Rec_unknown_time")
+            recording.attrs["recording_timestamp"] = f"{began:%Y-%m-%dT%H:%M:%SZ}" if began else NONE
             recording.attrs["note"] = f"{episode.facts['kind']}: {episode.task}"
             for name, value in {**episode.facts, **episode.labels}.items():
                 recording.attrs[name] = value
@@ -47,12 +51,16 @@ class Hdf5:
                     self._sensor(recording, episode, topic)
             self._object(recording, episode)
 
-    def join(self, episodes: Sequence[Path], whole: Path) -> None:
+    def check(self, episode: Episode) -> None:
+        """See Format: any episode can be written."""
+
+    def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
         """See Format. Compressed chunks are copied as they are."""
         import h5py
 
         with _new_file(whole) as target:
             target.attrs["note"] = "Trials of a dual-arm cell, made by rtstack export --to hdf5"
+            target.attrs["selection"], target.attrs["left_out"] = about["selection"], json.dumps(about["left_out"])
             for path in episodes:
                 with h5py.File(path, "r") as source:
                     (name,) = source
@@ -64,8 +72,11 @@ class Hdf5:
         sensor = recording.create_group(f"SENSOR_MEASUREMENT/{topic.name[1:].replace('/', '_')}")
         sensor.attrs["model"], sensor.attrs["note"] = topic.message.schema, topic.message.text
         records = episode.records[topic.name]
-        table = np.zeros(len(records), [(TIME, "f8"), *topic.record.descr])
+        utc = [] if episode.time is None else [(UTC, "i8")]
+        table = np.zeros(len(records), [(TIME, "f8"), *utc, *topic.record.descr])
         table[TIME] = 1e-9 * (records["t_ns"] - episode.start_ns)
+        if episode.time is not None:
+            table[UTC] = episode.time.unix_ns(records["t_ns"])
         for name in topic.record.names or ():
             table[name] = records[name]
         log = sensor.create_dataset("datalog", data=table, chunks=(min(_ROWS, len(table)),), **_FILTERS)
@@ -73,6 +84,8 @@ class Hdf5:
             log.attrs["sample_frequency"], log.attrs["sample_frequency_unit"] = str(topic.rate_hz), "Hz"
         log.attrs["duration"], log.attrs["duration_unit"] = str(table[TIME][-1] - table[TIME][0]), "s"
         log.attrs["t_ns.unit"], log.attrs["t_ns.description"] = "ns", "Robot's time."
+        if utc:
+            log.attrs[f"{UTC}.unit"], log.attrs[f"{UTC}.description"] = "ns", "Unix time of t_ns."
         for name, attributes in field_attributes(topic).items():
             for key, value in attributes.items():
                 log.attrs[f"{name}.{key}"] = value

@@ -1,24 +1,30 @@
-"""LeRobot data sets, v3.0: the folder `data` with all frames, and `meta`. lerobot's own loader reads it."""
+"""LeRobot data sets, v3.0: the folder `data` with all frames, `meta`, and `videos`. lerobot's own loader reads it."""
 
 import base64
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from rtstack.datasets.episode import Episode, Pictures
+from rtstack.datasets.film import write_film
 from rtstack.datasets.frames import Feature, FrameFormat, frames_of, pictures_at, span_of
 from rtstack.log.errors import LogError
-from rtstack.topics import EVENT_TOPIC
+from rtstack.log.video import load_av
+from rtstack.topics import CLOCK_TOPIC, EVENT_TOPIC
 
 VERSION = "v3.0"
 _FILE_BYTES, _FILES = 100_000_000, 1000  # of a data file, and how many a folder has: LeRobot's defaults
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 IMAGES, PICTURE_TIMES = "observation.images.", "timing.picture_t_ns."
+_FRAMES, _PIXELS = "frames.parquet", "pixels.npz"  # of an episode's folder in OUT.partial, beside its videos
 _LOOKED_AT, _EVERY = 10, 4  # statistics of pictures: so many frames of an episode, and of them every 4th row and column
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
@@ -27,7 +33,16 @@ _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 class LeRobot(FrameFormat):
     """A Format, a folder with data and meta: see FrameFormat."""
 
-    name, needs = "lerobot", ("pyarrow",)
+    name = "lerobot"
+    needs: tuple[str, ...] = ("pyarrow",)
+
+    def __init__(self, fps: int = 50, ticks: bool = True, video: bool = False) -> None:
+        """video: pictures as films of H.264, not as the JPEG that they are. Raises LogError, also without PyAV."""
+        super().__init__(fps, ticks)
+        self.video = video
+        if video:
+            load_av()
+            self.settings += "-video"
 
     def write(self, episode: Episode, path: Path) -> None:
         import pyarrow as pa
@@ -43,15 +58,31 @@ class LeRobot(FrameFormat):
             "features": {name: _described(feature) for name, feature in features.items()},
         }
         table = pa.table({name: _column(feature.values) for name, feature in features.items()})
+        pixels: dict[str, NDArray] = {}
+        path.mkdir()
         for camera, pictures in episode.pictures.items():
-            at = pictures_at(episode, pictures, count, self.fps)
-            for name, column, described in _image_columns(camera, pictures, at):
-                said["features"][name] = described
-                table = table.append_column(name, column)
+            at, name = pictures_at(episode, pictures, count, self.fps), IMAGES + camera
+            pixels[name] = _pixels(pictures, at)
+            kind, about = "image", {}
+            if self.video:
+                kind, about = "video", {"info": write_film(path / f"{name}.mp4", pictures, at, self.fps)}
+            else:
+                table = table.append_column(name, _image_column(pictures, at))
+            width, height = Image.open(io.BytesIO(pictures.jpeg[0])).size
+            names = ["height", "width", "channels"]
+            said["features"][name] = {"dtype": kind, "shape": [height, width, 3], "names": names, **about}
+            text = "When the picture was taken, of the robot's time."
+            said["features"][PICTURE_TIMES + camera] = {
+                "dtype": "int64", "shape": [1], "names": ["t_ns"], "unit": "ns", "description": text
+            }  # fmt: skip
+            times = np.array(pictures.t_ns, np.int64)[at]
+            table = table.append_column(PICTURE_TIMES + camera, _column(times))
+        with open(path / _PIXELS, "wb") as file:
+            np.savez(file, **pixels)  # pyright: ignore[reportArgumentType]
         table = table.replace_schema_metadata({"rtstack": json.dumps(said)})
-        pq.write_table(table, path, compression="lz4", use_dictionary=False)  # read once more: fast before small
+        pq.write_table(table, path / _FRAMES, compression="lz4", use_dictionary=False)  # fast before small
 
-    def join(self, episodes: Sequence[Path], whole: Path) -> None:
+    def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
         """See Format. Every episode is a row group of a data file."""
         import pyarrow.parquet as pq
 
@@ -64,7 +95,7 @@ class LeRobot(FrameFormat):
         files = _DataFiles(whole)
         begin = 0
         for number, path in enumerate(episodes):
-            table = pq.read_table(path)
+            table = pq.read_table(path / _FRAMES)
             said = json.loads(table.schema.metadata[b"rtstack"])
             table = table.replace_schema_metadata(None)
             if number and said["features"] != features:
@@ -81,20 +112,30 @@ class LeRobot(FrameFormat):
                 table = table.append_column(name, _column(values))
             chunk, file = files.write(table)
             # a frame's numbers and pictures are described, its 1 kHz samples are not
-            values = {name: _shown(table, name, each) for name, each in _features(said).items()
-                      if len(each["shape"]) == 1 or each["dtype"] == "image"}  # fmt: skip
+            values = {name: plain(table, name) for name, each in _features(said).items() if len(each["shape"]) == 1}
+            with np.load(path / _PIXELS) as pixels:
+                values |= {name: pixels[name][:, :, None, None] / 255.0 for name in pixels.files}
             shown.append(values)
+            placed = dict(zip(("chunk_index", "file_index"), divmod(number, _FILES), strict=True))
+            films: dict[str, float] = {}
+            for film in path.glob("*.mp4"):
+                to = whole / VIDEO.format(video_key=film.stem, **placed)
+                to.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(film, to)
+                times = {"from_timestamp": 0.0, "to_timestamp": length / self.fps}
+                films |= {f"videos/{film.stem}/{key}": each for key, each in (placed | times).items()}
             rows.append({
                 "episode_index": number, "tasks": [said["task"]], "length": length,
                 "data/chunk_index": chunk, "data/file_index": file,
                 "dataset_from_index": begin, "dataset_to_index": begin + length,
-                "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0, **said["labels"],
+                "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0, **films, **said["labels"],
                 **{f"stats/{name}/{key}": stat
                    for name, each in values.items() for key, stat in _statistics(each).items()},
             })  # fmt: skip
             begin += length
         files.close()
         self._meta(whole, rows, tasks, shown, said, begin)
+        (whole / "meta" / "left_out.json").write_text(json.dumps(about, indent=1))
 
     def _meta(
         self, whole: Path, rows: list[dict[str, Any]], tasks: dict[str, int], shown: list[dict[str, NDArray]],
@@ -112,39 +153,45 @@ class LeRobot(FrameFormat):
             "codebase_version": VERSION, "robot_type": said["robot"] or None, "total_episodes": len(rows),
             "total_frames": frames, "total_tasks": len(tasks), "chunks_size": _FILES,
             "data_files_size_in_mb": _FILE_BYTES // 1_000_000, "video_files_size_in_mb": 500, "fps": self.fps,
-            "splits": {"train": f"0:{len(rows)}"}, "data_path": DATA, "video_path": None, "features": _features(said),
+            "splits": {"train": f"0:{len(rows)}"}, "data_path": DATA,
+            "video_path": VIDEO if self.video and any(name.startswith(IMAGES) for name in shown[0]) else None,
+            "features": _features(said),
         }  # fmt: skip
         (meta / "info.json").write_text(json.dumps(info, indent=1))
 
 
 def _kept(episode: Episode) -> dict[str, Any]:
     """Return what no frame has of a log, and `rtstack import` needs."""
-    events = episode.records[EVENT_TOPIC]
-    names = events.dtype.names or ()
-    said = [dict(zip(names, (each.decode() if isinstance(each, bytes) else each for each in record), strict=True))
-            for record in events.tolist()]  # fmt: skip
     files = {each.name: [each.media_type, each.data.decode(errors="replace")] for each in episode.attachments}
     cameras = {
         name: {topic: [t_ns, base64.b64encode(message).decode()] for topic, (t_ns, message) in each.about.items()}
         for name, each in episode.pictures.items()
     }
-    written = {"events": json.dumps(said), "attachments": json.dumps(files), "cameras": json.dumps(cameras)}
+    clock = _dictionaries(episode.records[CLOCK_TOPIC][-1:])  # by which its times are UTC
+    said = {"events": json.dumps(_dictionaries(episode.records[EVENT_TOPIC])), "clock": json.dumps(clock)}
+    written = {**said, "attachments": json.dumps(files), "cameras": json.dumps(cameras)}
     return {"first_t_ns": span_of(episode)[0], **written, "source": episode.source}
 
 
-def _image_columns(camera: str, pictures: Pictures, at: NDArray[np.intp]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield name, column and description of a camera's pictures at the frames, unchanged, and of their times."""
-    import pyarrow as pa
-    from PIL import Image
+def _dictionaries(records: NDArray[Any]) -> list[dict[str, Any]]:
+    names = records.dtype.names or ()
+    return [dict(zip(names, (each.decode() if isinstance(each, bytes) else each for each in record), strict=True))
+            for record in records.tolist()]  # fmt: skip
 
-    width, height = Image.open(io.BytesIO(pictures.jpeg[0])).size
+
+def _image_column(pictures: Pictures, at: NDArray[np.intp]) -> Any:
+    """Return a camera's pictures at the frames as a column, unchanged."""
+    import pyarrow as pa
+
     data = pa.array([pictures.jpeg[k] for k in at], pa.binary())
-    image = {"dtype": "image", "shape": [height, width, 3], "names": ["height", "width", "channels"]}
-    paths = pa.array([None] * len(at), pa.string())
-    yield IMAGES + camera, pa.StructArray.from_arrays([data, paths], ["bytes", "path"]), image
-    text = "When the picture was taken, of the robot's time."
-    described = {"dtype": "int64", "shape": [1], "names": ["t_ns"], "unit": "ns", "description": text}
-    yield PICTURE_TIMES + camera, _column(np.array(pictures.t_ns, np.int64)[at]), described
+    return pa.StructArray.from_arrays([data, pa.array([None] * len(at), pa.string())], ["bytes", "path"])
+
+
+def _pixels(pictures: Pictures, at: NDArray[np.intp]) -> NDArray[np.uint8]:
+    """Return the pixels (n, 3) that statistics are made of: some of some frames."""
+    rows = np.unique(np.linspace(0, len(at) - 1, _LOOKED_AT).astype(int))
+    some = [Image.open(io.BytesIO(pictures.jpeg[k])).convert("RGB") for k in at[rows]]
+    return np.concatenate([np.asarray(each)[::_EVERY, ::_EVERY].reshape(-1, 3) for each in some])
 
 
 def _described(feature: Feature) -> dict[str, Any]:
@@ -191,18 +238,6 @@ def _statistics(values: NDArray) -> dict[str, list[Any]]:
     reduced = {"min": found.min(axis=0), "max": found.max(axis=0), "mean": found.mean(axis=0), "std": found.std(axis=0)}
     reduced |= dict(zip(_QUANTILES, np.quantile(found, list(_QUANTILES.values()), axis=0), strict=True))
     return {name: each.tolist() for name, each in reduced.items()} | {"count": [len(values)]}
-
-
-def _shown(table: Any, name: str, feature: Mapping[str, Any]) -> NDArray:
-    """Return the values (n, m) that statistics are made of; of pictures some (n, 3, 1, 1) of some frames, 0 to 1."""
-    if feature["dtype"] != "image":
-        return plain(table, name)
-    from PIL import Image
-
-    rows = np.unique(np.linspace(0, len(table) - 1, _LOOKED_AT).astype(int))
-    some = [Image.open(io.BytesIO(each["bytes"])) for each in table[name].take(rows).to_pylist()]
-    pixels = [np.asarray(each.convert("RGB"))[::_EVERY, ::_EVERY].reshape(-1, 3) for each in some]
-    return np.concatenate(pixels)[:, :, None, None] / 255.0
 
 
 def _task_table(tasks: Mapping[str, int]) -> Any:

@@ -13,14 +13,15 @@ import numpy as np
 
 from hal.base.files import replacing
 from rtstack.datasets.export import check_installed
+from rtstack.datasets.film import film_pictures
 from rtstack.datasets.frames import TICK_NS, tick_features
-from rtstack.datasets.lerobot import DATA, IMAGES, PICTURE_TIMES, VERSION, LeRobot, plain
+from rtstack.datasets.lerobot import DATA, IMAGES, PICTURE_TIMES, VERSION, VIDEO, LeRobot, plain
 from rtstack.log.errors import LogError
 from rtstack.log.writing.job import Attachment
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.log.writing.pictures import camera_schemas, camera_topics, picture_message
 from rtstack.samples import SIDES
-from rtstack.topics import EVENT_TOPIC, OBJECT_TOPIC, TOPICS
+from rtstack.topics import CLOCK_TOPIC, EVENT_TOPIC, OBJECT_TOPIC, TOPICS
 
 _POSE = "observation.environment_state"
 
@@ -37,7 +38,7 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
                        json.loads(row["attachments"]).items()]  # fmt: skip
         records = _records(row, table, sides)
         cameras = json.loads(row.get("cameras", "{}"))
-        pictures = _pictures(table, cameras)
+        pictures = _pictures(folder, row, table, cameras)
         metadata = {
             name: said for name, said in source.items() if isinstance(said, dict) and name not in ("result", "log")
         }
@@ -66,12 +67,19 @@ def _refusal(folder: Path, error: Exception) -> LogError:
     return LogError(f"{folder}: it is no data set of rtstack export --to lerobot: {said}")
 
 
-def _pictures(table: Any, cameras: dict[str, dict[str, tuple[int, str]]]) -> dict[str, list[tuple[int, bytes]]]:
+def _pictures(
+    folder: Path, row: dict[str, Any], table: Any, cameras: dict[str, dict[str, tuple[int, str]]]
+) -> dict[str, list[tuple[int, bytes]]]:
     """Return the messages of all cameras, by topic: the pictures that frames have; calibration and frame unchanged."""
     made: dict[str, list[tuple[int, bytes]]] = {}
     for name, about in cameras.items():
-        times = table[PICTURE_TIMES + name].to_pylist()
-        shown = dict(zip(times, (each["bytes"] for each in table[IMAGES + name].to_pylist()), strict=True))
+        times, key = table[PICTURE_TIMES + name].to_pylist(), IMAGES + name
+        if key in table.column_names:
+            images = [each["bytes"] for each in table[key].to_pylist()]
+        else:
+            places = {each: row[f"videos/{key}/{each}"] for each in ("chunk_index", "file_index")}
+            images = film_pictures(folder / VIDEO.format(video_key=key, **places))
+        shown = dict(zip(times, images, strict=True))
         made[camera_topics(name)[0]] = [(t_ns, picture_message(name, t_ns, jpeg)) for t_ns, jpeg in shown.items()]
         made |= {topic: [(t_ns, base64.b64decode(said))] for topic, (t_ns, said) in about.items()}
     return made
@@ -86,11 +94,12 @@ def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any, tuple[str,
         raise ValueError(f"its version is {info.get('codebase_version')}, read is {VERSION}")
     if not 0 <= number < info["total_episodes"]:
         raise LogError(f"{folder}: there is no episode {number}; it has {info['total_episodes']}, from 0")
+    about = [("episode_index", "=", number)]
+    (row,) = pq.read_table(folder / "meta" / "episodes", filters=about).to_pylist()
+    if not {"source", "first_t_ns"} <= row.keys():
+        raise ValueError("its episodes do not have the log that they were made of (source, first_t_ns)")
     if not any(name in info["features"] for name, _, _ in tick_features()):
         raise LogError(f"{folder} was exported with --no-ticks: a log is made of the 1 kHz samples")
-    about = [("episode_index", "=", number)]
-    rows = pq.read_table(folder / "meta" / "episodes", filters=about).to_pylist()
-    row = rows[0]
     data = folder / DATA.format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
     state = info["features"]["observation.state"]["names"]
     sides = tuple(side for side in SIDES if any(name.startswith(f"{side}_") for name in state))
@@ -118,8 +127,11 @@ def _records(row: dict[str, Any], table: Any, sides: tuple[str, ...]) -> dict[st
         poses["t_ns"] = row["first_t_ns"] + TICK_NS * (step * np.arange(1, frames + 1) - 1)
         poses["position"], poses["orientation_wxyz"], poses["seen"] = values[:, :3], values[:, 3:7], values[:, 7]
         poses = poses[poses["seen"] != 0]
-    events = np.zeros(len(said := json.loads(row["events"])), TOPICS[EVENT_TOPIC].record)
-    for record, event in zip(events, said, strict=True):
-        for name, value in event.items():
-            record[name] = value
-    return {**found, OBJECT_TOPIC: poses, EVENT_TOPIC: events}
+    found[OBJECT_TOPIC] = poses
+    for topic, key in ((EVENT_TOPIC, "events"), (CLOCK_TOPIC, "clock")):
+        said = json.loads(row.get(key) or "[]")
+        found[topic] = np.zeros(len(said), TOPICS[topic].record)
+        for record, values in zip(found[topic], said, strict=True):
+            for name, value in values.items():
+                record[name] = value
+    return found

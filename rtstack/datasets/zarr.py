@@ -8,6 +8,7 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,8 @@ _SAID = "said"
 class Zarr(FrameFormat):
     """A Format, a folder: see FrameFormat."""
 
-    name, needs = "zarr", ("zarr",)
+    name = "zarr"
+    needs: tuple[str, ...] = ("zarr",)
 
     def write(self, episode: Episode, path: Path) -> None:
         features = frames_of(episode, self.fps, self.ticks)
@@ -39,7 +41,7 @@ class Zarr(FrameFormat):
         with open(path, "wb") as file:
             np.savez(file, **arrays, **{_SAID: np.array(json.dumps(said))})  # type: ignore[arg-type]
 
-    def join(self, episodes: Sequence[Path], whole: Path) -> None:
+    def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
         import zarr
 
         root = zarr.open_group(str(whole), mode="w", zarr_format=2)
@@ -69,7 +71,7 @@ class Zarr(FrameFormat):
                 labels.append(said["labels"])
         meta = root.create_group("meta")
         meta.create_array("episode_ends", data=np.array(ends, np.int64))
-        meta.attrs["episodes"], meta.attrs["fps"] = labels, self.fps
+        meta.attrs.update({"episodes": labels, "fps": self.fps, **about})
 
 
 def _decoded(pictures: Pictures, at: NDArray[np.intp]) -> NDArray[np.uint8]:

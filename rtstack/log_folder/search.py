@@ -4,7 +4,7 @@ A word is looked for in the name, the date, the row, and all of the metadata; `k
 contains it: seed:3, object:rice, controller:proposed. `key=value` needs the whole value of exactly that key:
 object=rice_box, tag=figure-5. A range such as force>30 or size<=20 is asked of numbers whose key's name contains the
 word before it; a range that asks of nothing that a log has is refused. date>=2026-11-26T08:00 is UTC, of the time of
-day that the log itself has.
+day that the log itself has; date<=2026-11-26 includes that day. "two words" in quotes are one.
 """
 
 import contextlib
@@ -38,6 +38,8 @@ class Outcome(StrEnum):
 
 
 DATE = "recorded_utc"  # the key of the time of day that a log has, UTC
+_WORD = re.compile(r'(?:[^\s"]|"[^"]*"?)+')  # "two words" are one
+_DAY, _DAY_S = re.compile(r"\d{4}-\d\d-\d\d"), 86_400.0
 _CONDITION = re.compile(r"(?P<key>[a-z0-9_]*)(?P<sign>[<>]=?|=)(?P<value>.*)")
 _SIGNS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "=": operator.eq
@@ -151,7 +153,7 @@ class Condition:
 def parsed(query: str) -> list[Condition]:
     """Return what a query asks for. Raises FilterRefused."""
     conditions = []
-    for word in query.lower().split():
+    for word in (found.replace('"', "") for found in _WORD.findall(query.lower())):
         found = _CONDITION.fullmatch(word)
         if found is None:
             conditions.append(Condition(word))
@@ -159,6 +161,8 @@ def parsed(query: str) -> list[Condition]:
         key, sign, number = found["key"], found["sign"], float("nan")
         with contextlib.suppress(ValueError):
             number = _number(_HEADED.get(key, key), found["value"])
+        if sign in ("<=", ">") and _DAY.fullmatch(found["value"]):
+            number += _DAY_S - 1e-6  # a day has ended where the next one begins
         if not key or not found["value"] or (sign != "=" and number != number):
             text = "a range is a name, a sign and a number without spaces, such as force>30"
             raise FilterRefused(f"q: {word}: {_EXAMPLE.get(_HEADED.get(key, key), text)}")

@@ -14,6 +14,7 @@ from rtstack.datasets.hdf5 import Hdf5
 from rtstack.datasets.lerobot import LeRobot
 from rtstack.datasets.zarr import Zarr
 from rtstack.log.errors import LogError
+from rtstack.log_folder.remarks import EpisodeVerdict, Remarks, save_remarks
 from tests.support.log.samples import WrittenLog
 from tests.support.log.seen import write_seen_log
 
@@ -73,18 +74,16 @@ def test_a_log_that_changed_is_exported_again(logs: Logs, tmp_path: Path) -> Non
 def test_what_is_wrong_is_said_before_anything_is_written(
     logs: Logs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cut, taken, copied = tmp_path / "cut.mcap", tmp_path / "taken.h5", tmp_path / "copied.mcap"
+    cut, taken = tmp_path / "cut.mcap", tmp_path / "taken.h5"
     whole = logs[0].path
     cut.write_bytes(whole.read_bytes()[:-1000])
-    copied.write_bytes(whole.read_bytes())
     (tmp_path / "mine.h5.partial").mkdir()
     (tmp_path / "mine.h5.partial" / "thesis.tex").write_text("mine")
     taken.write_text("mine")
     for paths, out, words in (
-        ([whole, tmp_path / "none.mcap"], "data.h5", "none.mcap"),
-        ([whole, cut], "data.h5", "rtstack recover"),
-        ([whole, whole], "data.h5", "named twice"),
-        ([whole, copied], "data.h5", "named twice"),
+        ([tmp_path / "none.mcap"], "data.h5", "none.mcap: cannot be read: No such file"),
+        ([cut], "data.h5", "rtstack recover"),
+        ([], "data.h5", "name the logs"),
         ([whole], "mine.h5", "not what an export has left"),
         ([whole], "taken.h5", "exists already"),
         ([whole], "none/data.h5", "the folder"),
@@ -94,18 +93,38 @@ def test_what_is_wrong_is_said_before_anything_is_written(
     monkeypatch.setattr(Hdf5, "needs", ("h5py_is_not_here",))
     with pytest.raises(LogError, match=r"h5py_is_not_here is not installed: pip install 'rtstack\[export\]'"):
         export([whole], tmp_path / "data.h5", Hdf5())
-    names = ["copied.mcap", "cut.mcap", "mine.h5.partial", "taken.h5"]
+    names = ["cut.mcap", "mine.h5.partial", "taken.h5"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
 
 
+def test_the_same_log_under_another_name_is_one_episode(logs: Logs, tmp_path: Path) -> None:
+    copied = tmp_path / "copied.mcap"
+    copied.write_bytes(logs[0].path.read_bytes())
+    done = export([logs[0].path, copied, logs[1].path, logs[1].path], tmp_path / "data.h5", Hdf5())
+    assert [bool(each.why) for each in done.candidates] == [False, True, False, True]
+    with h5py.File(tmp_path / "data.h5") as file:
+        assert len(file) == done.episodes == 2
+
+
 @pytest.mark.parametrize("form", [LeRobot(), Zarr()], ids=["lerobot", "zarr"])
-def test_logs_whose_frames_are_not_alike_are_refused_before_anything_is_written(
-    form: Format, logs: Logs, tmp_path: Path
-) -> None:
+def test_a_log_whose_frames_are_not_like_most_is_left_out(form: Format, logs: Logs, tmp_path: Path) -> None:
     write_seen_log(logs[0].path, tmp_path / "seen.mcap", count=3)
-    with pytest.raises(LogError, match=r"not both it and .* have /camera/front/image: export it by itself"):
-        export([logs[1].path, tmp_path / "seen.mcap"], tmp_path / "data", form)
-    assert [path.name for path in tmp_path.iterdir()] == ["seen.mcap"]
+    done = export([tmp_path / "seen.mcap", *(log.path for log in logs)], tmp_path / "data", form)
+    assert done.episodes == 2
+    assert "it has /camera/front/image too; export it by itself" in done.candidates[0].why
+
+
+def test_an_export_goes_on_where_a_verdict_has_changed(logs: Logs, tmp_path: Path) -> None:
+    paths = []
+    for log in logs:
+        paths.append(tmp_path / log.path.name)
+        paths[-1].write_bytes(log.path.read_bytes())
+    with pytest.raises(_InterruptedError):
+        export(paths, tmp_path / "data.h5", Hdf5(), _interrupted(after=2))
+    save_remarks(paths[0], Remarks(verdict=EpisodeVerdict.KEPT))
+    assert export(paths, tmp_path / "data.h5", Hdf5()).present == 1
+    with h5py.File(tmp_path / "data.h5") as file:
+        assert [each.attrs["episode_verdict"] for each in file.values()] == ["kept", "none"]
 
 
 def test_a_log_that_is_damaged_inside_leaves_nothing(logs: Logs, tmp_path: Path) -> None:

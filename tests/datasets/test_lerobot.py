@@ -5,6 +5,7 @@ import json
 import shutil
 from pathlib import Path
 
+import av
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -16,8 +17,10 @@ from rtstack.datasets.lerobot_import import import_episode
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.playback.path import load_motion
+from tests.support.console.review_log import time_in
 from tests.support.log.samples import MS, WrittenLog, write_log
 from tests.support.log.seen import write_seen_log
+from tests.support.quaternions import changes_of_sign
 
 Logs = tuple[WrittenLog, WrittenLog]
 STEP = 20  # ticks of a frame at 50 Hz
@@ -47,8 +50,9 @@ def test_frames_have_the_logs_bits(data: Path, logs: Logs) -> None:
         q = np.hstack([left["q"], right["q"]])[: STEP * count].reshape(count, STEP, 14)
         assert plain(table, "observation.q_1khz").tobytes() == q.tobytes()
         wanted = np.hstack([log.columns[f"/{side}/control"]["pose_ref"] for side in ("left", "right")])
-        asked = np.minimum(at + STEP, STEP * count - 1)
-        assert plain(table, "action").tobytes() == wanted[asked].tobytes()
+        asked = wanted[np.minimum(at + STEP, STEP * count - 1)]
+        assert np.abs(plain(table, "action")).tobytes() == np.abs(asked).tobytes()
+        assert [changes_of_sign(plain(table, "action")[:, k : k + 4]) for k in (3, 10)] == [0, 0]
         assert table["frame_index"].to_pylist() == list(range(count))
         assert table["index"].to_pylist() == list(range(begin, begin + count))
         assert plain(table, "timestamp")[:, 0].tolist() == (np.arange(count) / 50).astype(np.float32).tolist()
@@ -109,6 +113,29 @@ def test_pictures_are_in_the_frames_as_the_camera_gave_them_and_come_back(logs: 
     info = json.loads((tmp_path / "set0" / "meta" / "info.json").read_text())["features"]["observation.images.front"]
     assert (info["dtype"], info["shape"]) == ("image", [96, 400, 3])
     assert read_log(source).messages(camera.topics[1]) == list(camera.about(begin_ns)[camera.topics[1]])
+
+
+def test_pictures_as_films_are_the_frames_pictures_and_come_back(logs: Logs, tmp_path: Path) -> None:
+    _, shown = write_seen_log(logs[0].path, tmp_path / "seen.mcap")
+    export([tmp_path / "seen.mcap"], tmp_path / "films", LeRobot(video=True))
+    key = "observation.images.front"
+    info = json.loads((tmp_path / "films" / "meta" / "info.json").read_text())
+    row = pq.read_table(tmp_path / "films" / "meta" / "episodes").to_pylist()[0]
+    table = _frames(tmp_path / "films", 0)
+    assert (info["features"][key]["dtype"], key in table.column_names) == ("video", False)
+    assert row[f"videos/{key}/to_timestamp"] - row[f"videos/{key}/from_timestamp"] == row["length"] / 50
+    path = tmp_path / "films" / info["video_path"].format(video_key=key, chunk_index=0, file_index=0)
+    with av.open(str(path)) as film:
+        frames = [(frame.time, frame.to_ndarray(format="rgb24")) for frame in film.decode(video=0)]
+    assert [at for at, _ in frames] == pytest.approx([k / 50 for k in range(row["length"])])
+    jpeg = dict(shown)
+    for (_, picture), t_ns in zip(frames, table["timing.picture_t_ns.front"].to_pylist(), strict=True):
+        taken = np.asarray(Image.open(io.BytesIO(jpeg[t_ns]))).astype(float)
+        assert np.abs(picture - taken).mean() < 4.0
+    import_episode(tmp_path / "films", 0, tmp_path / "back.mcap")
+    back = read_log(tmp_path / "back.mcap").pictures("/camera/front/image")
+    assert [t_ns for t_ns, _ in back] == sorted(set(table["timing.picture_t_ns.front"].to_pylist()))
+    assert [time_in(picture) for _, picture in back] == [time_in(jpeg[t_ns]) for t_ns, _ in back]
 
 
 def test_statistics_of_pictures_are_by_channel_as_lerobots_training_asks(logs: Logs, tmp_path: Path) -> None:
@@ -205,6 +232,16 @@ def test_a_data_set_whose_episode_says_something_else_is_one_line(data: Path, tm
     pq.write_table(pa.Table.from_pylist([{"data/chunk_index": 0, "data/file_index": 0} | row]), file)
     with pytest.raises(LogError, match="it is no data set of rtstack export --to lerobot"):
         import_episode(damaged, 0, tmp_path / "out.mcap")
+
+
+@pytest.mark.parametrize("ticks", [True, False])
+def test_a_data_set_of_another_robot_is_refused_for_what_it_is(logs: Logs, tmp_path: Path, ticks: bool) -> None:
+    export([logs[0].path], tmp_path / "set", LeRobot(ticks=ticks))
+    (file,) = (tmp_path / "set" / "meta" / "episodes").rglob("*.parquet")
+    table = pq.read_table(file)
+    pq.write_table(table.select([name for name in table.column_names if name not in ("source", "first_t_ns")]), file)
+    with pytest.raises(LogError, match="it is no data set of rtstack export --to lerobot: its episodes do not have"):
+        import_episode(tmp_path / "set", 0, tmp_path / "out.mcap")
 
 
 def test_the_commands_export_and_import(logs: Logs, tmp_path: Path, command_line) -> None:
