@@ -25,7 +25,7 @@ def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
     if summary.complete:
         typer.echo(f"{log} is complete: nothing to recover")
         return
-    what = f"; {summary.damaged} records could not be read:" if summary.damaged else ""
+    what = f"; {len(summary.missing)} parts could not be read:" if summary.missing else ""
     typer.echo(
         f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s, to {summary.output}{what}"
     )

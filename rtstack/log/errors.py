@@ -20,4 +20,4 @@ def remedy(path: Path) -> str:
 
 def damaged(path: Path, offset: int, cause: object) -> LogError:
     """Return the error of a log that is damaged at a byte of the file."""
-    return LogError(f"{path} is damaged at byte {offset}: {remedy(path)} ({cause})")
+    return LogError(f"{path} is damaged at byte {offset}: {remedy(path)} ({str(cause) or type(cause).__name__})")

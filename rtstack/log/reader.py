@@ -22,6 +22,7 @@ from rtstack.samples import SIDES, Level
 from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
 
 _NS = 1e-9
+_AT_ONCE = 16  # chunks that are decoded as one
 _CHANNELS_MAX = 64  # of one topic: each has a decoder
 _MESSAGE_BYTES = 160  # what Python needs for one message, beside its own bytes
 
@@ -104,11 +105,9 @@ class Log:
         t_ns is the message's log time, O_T_EE row-major, current_errors the bit mask. Raises LogError for
         another topic, or for messages that are not of its schema.
         """
-        parts, wanted = self._empty([name]), self._wanted([name])
-        decoders: dict[int, TopicDecoder] = {}
-        found = [parts[name]]
-        for part in self._read(list(wanted)):
-            found += self._decode([part], wanted, decoders).values()
+        found = [self._empty([name])[name]]
+        for batch in self._batches([name], _AT_ONCE):
+            found += batch.records.values()
         return _in_order(np.concatenate(found))
 
     def frame(self, topic: str) -> Any:
@@ -156,17 +155,20 @@ class Log:
         """Return how many messages a topic has."""
         return sum(self._contents.counts.get(channel, 0) for channel in self._channels(name))
 
-    def batches(self, topics: Sequence[str], chunks: int = 16) -> Iterator[Batch]:
+    def batches(self, topics: Sequence[str], chunks: int = _AT_ONCE) -> Iterator[Batch]:
         """Read the file once, and yield the records of `topics` chunk by chunk: for a log that is too long for memory.
 
         Each batch has as many chunks; a topic without messages in them is left out. A log whose chunks do not follow
         one another in time is one batch. Raises LogError as `topic` does.
         """
         self._empty(topics)
+        total = len(self._contents.parts)
+        yield from self._batches(topics, chunks if total <= chunks or self._in_turn(self._wanted(topics)) else total)
+
+    def _batches(self, topics: Sequence[str], chunks: int) -> Iterator[Batch]:
         decoders: dict[int, TopicDecoder] = {}
         wanted = self._wanted(topics)
-        total = max(1, len(self._contents.parts))
-        chunks = chunks if total <= chunks or self._in_turn(wanted) else total
+        total = len(self._contents.parts)
         parts: list[tuple[bytes, MessageTable]] = []
         for done, part in enumerate(self._read(list(wanted)), start=1):
             parts.append(part)

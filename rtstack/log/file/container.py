@@ -25,10 +25,10 @@ from rtstack.log.errors import LogError, damaged, remedy
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")  # opcode, length
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _CHUNK = struct.Struct("<BQQQQII")  # opcode, length, log times, size, checksum, length of the compression's name
 RECORD_HEADER = _RECORD.size
-MESSAGE_HEADER = _MESSAGE.size
+MESSAGE_HEADER = MESSAGE.size
 FOOTER_SIZE = RECORD_HEADER + 20  # two offsets and a checksum
 DATA_END_SIZE = RECORD_HEADER + 4  # checksum: what the summary follows
 _CHUNK_MIN = _CHUNK.size - RECORD_HEADER + 8  # of an empty one; some writers fill in the length last
@@ -248,7 +248,7 @@ def section_data(file: BinaryIO, section: Section) -> bytes:
         cause = f"cannot be read at byte {section.offset}: {error}"
         raise LogError(f"{file.name} {cause}; if it was damaged, {remedy(Path(file.name))}") from error
     except Exception as error:  # each decompressor has its own
-        raise damaged(Path(file.name), section.offset, error or type(error).__name__) from error
+        raise damaged(Path(file.name), section.offset, error) from error
     file.seek(section.offset)
     return file.read(section.size)
 
@@ -276,14 +276,14 @@ def walk(data: bytes, seen: NDArray[np.int64]) -> Walk:
 def _walk(data, seen, rows, places):
     place, messages, defined = 0, 0, 0
     while place + RECORD_HEADER <= len(data):
-        opcode, length = np.int64(data[place]), _number(data, place + 1, 8)
+        opcode, length = np.int64(data[place]), number(data, place + 1, 8)
         body = place + RECORD_HEADER
         if opcode == 0 or length < 0 or length > len(data) - body:
             break
         if opcode == 5:  # Opcode.MESSAGE
             if length < MESSAGE_HEADER - RECORD_HEADER:
                 break
-            rows[0, messages], rows[1, messages] = _number(data, body, 2), _number(data, body + 6, 8)
+            rows[0, messages], rows[1, messages] = number(data, body, 2), number(data, body + 6, 8)
             rows[2, messages] = place + MESSAGE_HEADER
             rows[3, messages] = length - (MESSAGE_HEADER - RECORD_HEADER)
             messages += 1
@@ -293,7 +293,7 @@ def _walk(data, seen, rows, places):
             checksum = 2166136261  # FNV-1a, 32 bit
             for k in range(body, body + length):
                 checksum = ((checksum ^ data[k]) * 16777619) & 0xFFFFFFFF
-            key = (opcode - 3) * NUMBERS + _number(data, body, 2)
+            key = (opcode - 3) * NUMBERS + number(data, body, 2)
             if seen[key] != checksum + 1:
                 places[defined] = place if seen[key] == 0 else ~place
                 defined += 1
@@ -308,7 +308,7 @@ def _run(data):
     """Return how many bytes of complete schemas, channels and messages the data begin with."""
     place = 0
     while place + RECORD_HEADER <= len(data) and data[place] in (3, 4, 5):
-        length = _number(data, place + 1, 8)
+        length = number(data, place + 1, 8)
         if length < 0 or length > len(data) - place - RECORD_HEADER:
             break
         place += RECORD_HEADER + length
@@ -316,7 +316,7 @@ def _run(data):
 
 
 @compiled
-def _number(data, place, size):
+def number(data, place, size):
     value = 0
     for k in range(size):
         value |= np.int64(data[place + k]) << (8 * k)

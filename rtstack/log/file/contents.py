@@ -84,7 +84,7 @@ class Contents:
             for place in found.definitions:
                 self.define(data, place)
         except Exception as error:  # the library raises whatever half a record makes of it
-            raise damaged(path, offset, error or type(error).__name__) from error
+            raise damaged(path, offset, error) from error
         return found.table
 
     def define(self, data: bytes, place: int) -> None:
@@ -173,7 +173,7 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
                 summary.known[index.offset] = Opcode.METADATA, index.length, index.name
         walk(content, summary.contents.seen)
     except Exception as error:  # the library raises whatever half a record makes of it
-        raise damaged(Path(file.name), end.summary, error or type(error).__name__) from error
+        raise damaged(Path(file.name), end.summary, error) from error
     return summary
 
 
@@ -220,7 +220,7 @@ class _Survey:
             except (LogError, Inconsistent):
                 raise
             except Exception as error:  # the library raises whatever half a record makes of it
-                self._refuse(section.offset, error or type(error).__name__)
+                self._refuse(section.offset, error)
         if offset > stop:
             raise Inconsistent
 
