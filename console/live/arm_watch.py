@@ -69,7 +69,7 @@ class ArmWatch:
             if np.abs(record["dq"]).max() > REST_DQ:
                 self.moved_s = now_s
         self.q = record["q"][0]
-        self.measured, self.force = in_world(self._base, record[0])
+        self.measured, self.force = in_world(self._base, record[0], self.measured)
         told = None if control is None or control["mode"][0] != Mode.TELEOPERATION else control[0]
         self.told = None if told is None else told["pose_ref"].copy()
         rate = float(record["control_command_success_rate"][0])
@@ -106,9 +106,14 @@ class ArmWatch:
         return float(np.linalg.norm(place - before[1])) / (1e-9 * (t_ns - before[0]))
 
 
-def in_world(base: Frame, record: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where a pad is, (7,) m and wxyz, and the force on it, (3,) N, in the world. record: of ARM_SAMPLE."""
-    frame, pose = record["O_T_EE"], np.zeros(7)
+def in_world(
+    base: Frame, record: Any, before: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where a pad is, (7,) m and wxyz, and the force on it, (3,) N, in the world. record: of ARM_SAMPLE.
+
+    before: where it was, so that the quaternion's sign is kept.
+    """
+    frame, pose = record["O_T_EE"], np.zeros(7) if before is None else before.copy()
     pose[:3] = base.translation + base.rotation @ frame[:3, 3]
     quaternion_from_rotation(np.ascontiguousarray(base.rotation @ frame[:3, :3]), pose[3:])
     return pose, -(base.rotation @ record["O_F_ext_hat_K"][:3])

@@ -54,6 +54,7 @@ class PolicyInput:
         self._lease: tuple[int, int] | None = None
         self._number, self._began_ns = 0, 0
         self._shown: Observation | None = None
+        self._pads = [np.zeros(7) for _ in cell.arms]  # where they were last
 
     def observe(self) -> Observation | None:
         """Return what the arms say now, None without a lease or before the teleoperation says where they are to be."""
@@ -73,7 +74,8 @@ class PolicyInput:
             with suppress(OSError):  # the run has just ended, and its pictures with it
                 self._pictures = NewestPictures(self._watch.cameras())
         self._number += 1
-        pads = [in_world(base, arm) for base, arm in zip(self._bases, arms, strict=True)]
+        pads = [in_world(*each) for each in zip(self._bases, arms, self._pads, strict=True)]
+        self._pads = [pose for pose, _ in pads]
         self._shown = Observation(
             self._number, t_ns, (t_ns - self._began_ns) * 1e-9,
             np.stack([arm["q"] for arm in arms]), np.stack([arm["dq"] for arm in arms]),

@@ -148,7 +148,7 @@ def logs_prune(
 
 
 def _cells(row: "LogRow") -> tuple[str, ...]:
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
+    when = time.strftime("%Y-%m-%d %H:%M:%SZ", time.gmtime(row.when))
     words = (row.controller, row.object, _number(row.displacement_mm, 0), row.outcome, row.verdict)
     numbers = (_number(row.average_force_norm, 1), _number(row.max_lift_mm, 0), f"{row.size_bytes / 1e6:.1f}")
     return when, row.name, row.kind, *(word or "" for word in words), *numbers

@@ -42,7 +42,7 @@ def token_list(logs: LogFolder = Path("logs")) -> None:
     """List the tokens, without what makes them tokens."""
     with _tokens(logs) as tokens:
         rows = tokens.all()
-    made = [time.strftime("%Y-%m-%d %H:%M", time.localtime(row.created_s)) for row in rows]
+    made = [time.strftime("%Y-%m-%d %H:%MZ", time.gmtime(row.created_s)) for row in rows]
     cells = [(row.id, row.name, row.scope, when) for row, when in zip(rows, made, strict=True)]
     print_table(("id", "name", "scope", "made"), cells, "no tokens")
 

@@ -89,7 +89,7 @@ def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_resul
 
 @pytest.mark.long
 def test_one_that_was_cancelled_at_once_is_begun_again_in_the_same_second(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(campaigns.time, "strftime", lambda layout: "20261123-050000")
+    monkeypatch.setattr(campaigns.time, "strftime", lambda layout, when: "20261123-050000Z")
     kept = campaigns.Campaigns(tmp_path, tmp_path / "robot.sock")
     try:
         for began in range(1, 4):
