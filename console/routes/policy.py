@@ -163,7 +163,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
     name = session.operator
     policy = PolicyInput(name, parts)
     refused: str | None = None
-    parts.teleop.policy_connected(name)
+    parts.teleop.policies.connected(name)
     try:
         while (session := session_now(websocket)) is not None and session.operator == name:
             observation = policy.observe()
@@ -182,6 +182,6 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         pass  # the policy has gone
     finally:
         parts.teleop.end_lease(name)
-        parts.teleop.policy_connected(name, -1)
+        parts.teleop.policies.connected(name, -1)
     with suppress(RuntimeError, WebSocketDisconnect):
         await websocket.close(*SIGNED_OUT)

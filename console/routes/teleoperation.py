@@ -21,7 +21,6 @@ from console.routes.sockets import SIGNED_OUT
 from console.teleoperation.devices import OfArms
 from console.teleoperation.pair import Coupling
 from console.teleoperation.teleop_view import Handles, Lead, TeleopView
-from hal.base.arrays import Array
 from rtstack.live.client import RobotRefused
 from rtstack.loop.mailbox import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat, problem
@@ -68,6 +67,8 @@ class TeleopMessage:
     stiffness_n_m: Annotated[StrictFloat, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
     pose: PadPoses | None = None
     hands: PadPoses | None = None
+    sensed: PadPoses | None = None  # from which `hands`, `pose` or `deflection` are made by a filter or a scale
+    tracked: StrictBool = True  # false: a hand is not seen, whatever its pose is
     deflection: Deflections | None = None
     grip: StrictBool = False
     handles: Handles | None = None
@@ -77,7 +78,7 @@ class TeleopMessage:
     stop: StrictBool = False
 
 
-_LEAST_QUATERNION = 1e-3
+_OF_HANDS = (("hands",), ("pose",), ("sensed",))
 _MESSAGES = TypeAdapter(TeleopMessage)
 _MOST_WAITING = 1000  # a sender that is so much faster than the console has lost the hand
 
@@ -127,6 +128,9 @@ async def stream(websocket: WebSocket) -> None:
                 _act(parts, operator, message, came_ns)
             except ValidationError as error:
                 answer["error"] = problem(error, "message")
+                if error.errors()[0]["loc"][:1] in _OF_HANDS:  # a pose without numbers is a hand that was lost
+                    with contextlib.suppress(RobotRefused):
+                        parts.teleop.drop(operator, answer["error"])
             except RobotRefused as refused:
                 answer["error"] = str(refused)
             await websocket.send_json(answer | asdict(parts.teleop.view))
@@ -169,11 +173,14 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     if message.clutch is False:
         teleop.release(operator, Release.LOST if message.lost else Release.RELEASED)
         return
+    if not message.tracked:
+        teleop.drop(operator, "a hand is not tracked")
     motions = (message.pose, message.hands, message.lead, message.deflection)
     if not (message.clutch or message.grip or any(motion is not None for motion in motions)):
         return
-    given = message.pose, message.hands, message.deflection
-    pose, hands, deflection = (_of_arms(parts, said) for said in given)  # refused before anything else is done with it
+    # a message of an arm that the cell lacks is refused before all else
+    given = message.pose, message.hands, message.deflection, message.sensed
+    pose, hands, deflection, sensed = (_of_arms(parts, said) for said in given)
     admission = teleop.admit(operator, message.stamp, came_ns)
     if not admission.alive:
         return
@@ -183,10 +190,12 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
         teleop.grip(operator, admission.latest_ns)
     if admission.drop is not None:
         return
+    if sensed is not None:
+        teleop.sense(operator, sensed)
     if pose is not None:
         teleop.move(operator, pose)
     if hands is not None:
-        teleop.track(operator, [_unit(hand) for hand in hands])
+        teleop.track(operator, hands)
     if message.lead is not None:
         teleop.lead(operator, message.lead)
     if deflection is not None:
@@ -202,14 +211,3 @@ def _of_arms(parts: Parts, said: PadPoses | Deflections | None) -> OfArms | None
         if side not in parts.cell.sides and values[side] is not None:
             raise RobotRefused(f"the cell {parts.cell.name} has no {side} arm: leave `{side}` out")
     return [None if values[side] is None else np.array(values[side]) for side in parts.cell.sides]
-
-
-def _unit(pose: Array | None) -> Array | None:
-    """Return a pose with a quaternion of length one. Raises RobotRefused where it has none."""
-    if pose is None:
-        return None
-    length = float(np.linalg.norm(pose[3:]))
-    if length < _LEAST_QUATERNION:
-        raise RobotRefused("a hand's orientation is no rotation")
-    pose[3:] /= length
-    return pose

@@ -11,11 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from console.teleoperation.pair import Coupling, led
-from console.teleoperation.quaternion import angle_between, conjugate, product, quaternion, rotation_vector
+from console.teleoperation.quaternion import angle_between, conjugate, product, quaternion, rotation_vector, squared
 from hal.base.arrays import Array
+from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, UNIT_TOLERANCE
 
 _UNDO_DEPTH = 20  # drags
 _UNDONE_M, _UNDONE_RAD = 2e-3, 5e-3  # a drag that asks for less than this is none
+_TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
 LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then it must be sent again
 
 OfArms = Sequence[Array | None]  # of each arm of the cell, left before right; None: nothing is said of it
@@ -49,6 +51,23 @@ def towards(asked: Array, goal: Array, elapsed_s: float, speed_m_s: float, turn_
         pose[3:] = product(quaternion(share * rotation_vector(product(end[3:], conjugate(pose[3:])))), pose[3:])
         pose[3:] /= np.linalg.norm(pose[3:])
     return poses
+
+
+def straightened(asked: Array) -> Array:
+    """Return the requests, each turned to the nearest orientation that is square to the table."""
+    return np.array([[*pose[:3], *squared(pose[3:])] for pose in asked])
+
+
+def refusal(asked: Array, command: Array | None) -> str | None:
+    """Return why requests (arms, 7) are not followed by arms whose command is `command`, None where they are."""
+    if not np.isfinite(asked).all() or (np.abs(np.linalg.norm(asked[:, 3:], axis=1) - 1.0) > UNIT_TOLERANCE).any():
+        return "the request is no pose"
+    if command is None:
+        return "the arms have not said yet where they are"
+    for want, now in zip(asked, command, strict=True):
+        if np.linalg.norm(want[:3] - now[:3]) > AHEAD_M or angle_between(want[3:], now[3:]) > AHEAD_RAD:
+            return _TOO_FAR
+    return None
 
 
 def _gone(began: Array, now: Array) -> tuple[Array, Array]:
@@ -87,18 +106,21 @@ class Grips:
         if followed is not None and self.drags and asked is not None and _near(self.drags[-1], asked):
             self.drags.pop()
 
-    def track(self, hands: OfArms, asked: Array, coupling: Coupling) -> Array:
+    def track(self, hands: OfArms, asked: Array, coupling: Coupling, anew: bool = False) -> Array:
         """Return the requests for controllers in a person's hands, (7,) each, None for one that leads nothing.
 
         Each pad goes as its hand has gone. Two hands lead a pad each, whatever the coupling; by it one hand leads the
-        other pad too.
+        other pad too. anew: each hand leads from where it is now.
         """
+        if anew:
+            self.let_go()
         poses = asked.copy()
         alone = sum(hand is not None for hand in hands) == 1
         for side, hand in enumerate(hands):
             if hand is None:
                 self._began.pop(side, None)
                 continue
+            hand = np.concatenate((hand[:3], hand[3:] / np.linalg.norm(hand[3:])))
             hand_began, pads_began = self._began.setdefault(side, (hand, asked.copy()))
             moved = _gone(hand_began, hand)
             if alone and coupling is not Coupling.SEPARATE:

@@ -58,12 +58,13 @@ class Admission:
 
 @dataclass(slots=True)
 class _Sender:
-    """The newest command's number, and the limits of console's time minus sender's, ns, of the last generation and this
+    """The newest command's number and its time, ns, and the limits of console's time minus sender's, ns, of the last generation and this
     one.
     """
 
     began_ns: int
     sequence: int = -1
+    made: float = float("-inf")
     least: list[float] = field(default_factory=lambda: [float("-inf")] * 2)
     most: list[float] = field(default_factory=lambda: [float("inf")] * 2)
 
@@ -110,7 +111,7 @@ class Gate:
         self._senders[key] = sender  # the newest one is the last one
         while len(self._senders) > _SENDERS:
             del self._senders[next(iter(self._senders))]
-        if stamp.sequence <= sender.sequence:
+        if stamp.sequence <= sender.sequence or made < sender.made:
             return Admission(Drop.ORDER, _ORDER)
         sender.sequence = stamp.sequence
         if made < seen:
@@ -122,6 +123,7 @@ class Gate:
         age_ns = now_ns - made - least
         if age_ns > OLDEST_COMMAND_S * 1e9:
             return Admission(Drop.OLD, f"it is {age_ns * 1e-6:.0f} ms old, {1e3 * OLDEST_COMMAND_S:.0f} ms are allowed")
+        sender.made = made
         middle = 0.5 * (least + most)
         shown_ns = picture_ns if stamp.camera_us is None else min(picture_ns, 1000 * stamp.camera_us)
         said = (stamp.sequence, int(made + middle), stamp.picture, shown_ns, int(seen + middle), int(made + most))

@@ -7,17 +7,17 @@ again. May be called from any thread.
 
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from math import inf
 
 import numpy as np
 
 from console.live.watch import Watch
-from console.teleoperation.devices import Grips, OfArms, deflected, towards
+from console.teleoperation.devices import Grips, OfArms, deflected, refusal, straightened, towards
 from console.teleoperation.gate import OLDEST_COMMAND_S, Admission, Drop, Gate
 from console.teleoperation.pair import Coupling
-from console.teleoperation.quaternion import angle_between, squared
+from console.teleoperation.policies import Policies
 from console.teleoperation.teleop_view import Handles, Latency, Lead, TeleopView
 from hal.base.arrays import Array
 from rtstack.live.client import RobotRefused
@@ -26,9 +26,9 @@ from rtstack.loop.mailbox import TARGET, Mailbox, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import SIDES
 from rtstack.teleoperation import reach
+from rtstack.teleoperation.hand_motion import HandMotion
 from rtstack.teleoperation.stamp import Stamp
 
-TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
 NO_CLUTCH = "the clutch is not held, so that nothing moves: hold C while you drag, or let the drag hold the clutch"
 BEAT_S = 0.05  # between two signs of life of a page
 
@@ -48,22 +48,19 @@ class TeleopInput:
         self._by: str | None = None  # who holds the clutch
         self._asked: Array | None = None
         self._grips = Grips()
+        self._motion = HandMotion(watch.sides)
+        self._dropped: str | None = None  # why the grip was let go for the operator, who has to open it
         self._grip: tuple[str, int] | None = None  # who lets a drag hold the clutch, and when they last said so
         self._by_grip = False  # the clutch is held by a drag
         self._goal: tuple[Lead, Array] | None = None  # where the hands are being led
-        self._handles = Handles.MOVE
         self._of_job: int | None = None
-        self._jogged_ns = 0
-        self._coupling = Coupling.SEPARATE
-        self._speed = reach.SPEED_M_S
-        self._stiffness = reach.STIFFNESS_N_M
+        self._coupling, self._handles = Coupling.SEPARATE, Handles.MOVE
+        self._speed, self._stiffness = reach.SPEED_M_S, reach.STIFFNESS_N_M
         self._refusal: str | None = None
-        self._policy: str | None = None  # who leads while the clutch is not held
-        self._leases = 0  # given since the console began
-        self._connected = Counter[str]()  # how many connections each policy has
+        self.policies = Policies()
         self._gate = Gate()
         self._admitted: Admission | None = None  # the last one that was a sign of life
-        self._admitted_ns = 0
+        self._admitted_ns = self._jogged_ns = 0
         self._late: str | None = None  # why the last command was not applied
         self._latency = Latency(watch.rings)
 
@@ -73,10 +70,10 @@ class TeleopInput:
         with self._lock:
             self._notice()
             return TeleopView(
-                self._by is not None, self._coupling, self._speed, self._stiffness, self._late or self._refusal,
-                self._handles, len(self._grips.drags), tuple(self._gate.dropped), self._latency.view(),
-                self._watch.view.number,
-                self._policy, tuple(sorted(+self._connected)),
+                self._by is not None, self._coupling, self._speed, self._stiffness,
+                self._dropped or self._late or self._refusal, self._handles, len(self._grips.drags),
+                tuple(self._gate.dropped), self._latency.view(), self._watch.view.number,
+                self.policies.leads, self.policies.names,
             )  # fmt: skip
 
     @property
@@ -114,7 +111,7 @@ class TeleopInput:
                 self._speed = float(np.clip(speed_m_s, reach.SLOWEST_M_S, reach.FASTEST_M_S))
             if stiffness_n_m is not None:
                 self._stiffness = float(np.clip(stiffness_n_m, reach.SOFTEST_N_M, reach.HARDEST_N_M))
-            if self._by is not None or self._policy is not None:
+            if self._by is not None or self.policies.leads is not None:
                 self._grips.let_go()  # what is dragged goes on from here, in the new way
                 self._write()
 
@@ -131,6 +128,8 @@ class TeleopInput:
             admission = self._gate.admit(operator, stamp, picture_ns, now_ns)
             self._late = f"not applied: {admission.text}" if admission.drop is not None else None
             self._target["dropped"] = self._gate.dropped
+            if admission.drop is None and stamp is not None:
+                self._motion.advance(stamp, came_ns or now_ns)
             if admission.alive:
                 self._admitted, self._admitted_ns = admission, self._clock()
                 self._target["came_ns"] = came_ns or now_ns
@@ -150,14 +149,16 @@ class TeleopInput:
                 raise RobotRefused("no teleoperation runs: start one")
             self._notice()
             if self._by is None:
+                if self._dropped is not None:
+                    raise RobotRefused(self._dropped)
                 command = self._watch.command()
                 if command is None and job.kind is JobKind.TELEOPERATION:  # others follow no request
                     raise RobotRefused("the arms have not said yet where they are")
-                self._asked, self._by, self._refusal = command, operator, None
-                self._by_grip, self._goal = False, None
-                self._grips.let_go()
+                self._asked, self._by, self._by_grip = command, operator, False
+                self._refusal = self._goal = None
+                self._lead_nothing()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
-                self._target["policy"] = self._give(None)
+                self._target["policy"] = self.policies.give(None)
             now_ns = self._clock()
             self._write(job=job.number, clutch_ns=now_ns if made_ns is None else min(made_ns, now_ns))
 
@@ -183,11 +184,26 @@ class TeleopInput:
         with self._lock:
             if self._grip is not None and self._grip[0] == operator:
                 self._grip = None
-            if self._by is None or self._by != operator:
-                return
-            self._by = None
-            self._grips.let_go()
-            self._write(clutch_ns=0, release=reason)
+            if reason is Release.RELEASED and operator == self._holder:  # what is lost has not been opened
+                self._dropped = None
+            if self._by == operator:
+                self._by = None
+                self._lead_nothing()
+                self._write(clutch_ns=0, release=reason)
+
+    def drop(self, operator: str, why: str | None) -> None:
+        """Let go of a clutch until its operator releases it. why: None for no reason. Raises RobotRefused with it."""
+        if why is None:
+            return
+        with self._lock:
+            if self._by == operator:
+                self.release(operator, Release.DROPPED)
+                self._dropped = f"{why}: the grip was let go; open it, then take it again"
+            raise RobotRefused(self._dropped or why)
+
+    def _lead_nothing(self) -> None:
+        self._grips.let_go()
+        self._motion.forget()
 
     def finish(self, operator: str) -> None:
         """End the teleoperation or the playback softly. Raises RobotRefused unless the operator is the holder."""
@@ -196,7 +212,7 @@ class TeleopInput:
             job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)
             if job is None:
                 raise RobotRefused("neither a teleoperation nor a playback runs")
-            self._by = self._policy = None
+            self._by = self.policies.leads = None
             self._write(job=job.number, clutch_ns=0, finish=1)
 
     def lend(self, operator: str, policy: str | None) -> None:
@@ -210,42 +226,38 @@ class TeleopInput:
                 raise RobotRefused(f"{operator} has control: a policy has a name and a token of its own")
             self._notice()
             self._by = None
-            self._grips.let_go()
-            lease = self._give(policy)
-            self._write(job=job.number, clutch_ns=0, finish=0, release=Release.NOT_YET, policy=lease)
-
-    def policy_connected(self, policy: str, by: int = 1) -> None:
-        """Note that a policy has one more connection, or with -1 one less."""
-        with self._lock:
-            self._connected[policy] += by
+            self._lead_nothing()
+            given = self.policies.give(policy)
+            self._write(job=job.number, clutch_ns=0, finish=0, release=Release.NOT_YET, policy=given)
 
     def end_lease(self, policy: str) -> None:
         """End the lease of a policy that has gone or is done: the arms hold. Does nothing where it has none."""
         with self._lock:
-            if self._policy == policy:
-                self._write(policy=self._give(None))
+            if self.policies.leads == policy:
+                self._write(policy=self.policies.give(None))
 
     def lease(self, policy: str) -> tuple[int, int] | None:
         """Return the job and the number of the lease that this policy has, None where it has none."""
         with self._lock:
             self._notice()
-            if self._policy is None or self._policy != policy:
+            if self.policies.leads != policy:
                 return None
             return int(self._target["job"][0]), int(self._target["policy"][0])
 
-    def _give(self, policy: str | None) -> int:
-        """Give a policy the lease, None for none; return its number, 0 for none."""
-        self._policy = policy
-        self._leases += policy is not None
-        return 0 if policy is None else self._leases
+    def sense(self, operator: str, sensed: OfArms) -> None:
+        """Judge poses that a sender has made its message from, by a filter or a scale. Raises RobotRefused."""
+        with self._lock:
+            self._held_request(operator)
+            self.drop(operator, self._motion.problem("sensor", sensed))
 
     def move(self, operator: str, poses: OfArms) -> None:
         """Ask for poses, (7,) each, as they are: who gives poses couples them. None: that hand stays.
 
-        Raises RobotRefused unless this operator holds the clutch.
+        Raises RobotRefused unless this operator holds the clutch, and where a hand cannot have moved so: see `drop`.
         """
         with self._lock:
             asked = self._held_request(operator)
+            self.drop(operator, self._motion.problem("pose", poses, inf))  # a program may give one a second
             self._ask(np.array([now if pose is None else pose for now, pose in zip(asked, poses, strict=True)]))
 
     def track(self, operator: str, hands: OfArms) -> None:
@@ -254,7 +266,10 @@ class TeleopInput:
         Raises RobotRefused as `move` does.
         """
         with self._lock:
-            self._ask(self._grips.track(hands, self._held_request(operator), self._coupling))
+            asked = self._held_request(operator)
+            self.drop(operator, self._motion.problem("hand", hands))
+            self._ask(self._grips.track(hands, asked, self._coupling, self._motion.paused is not None))
+            self._refusal = self._refusal or self._motion.paused
 
     def jog(self, operator: str, deflections: OfArms) -> None:
         """Ask for what keys or sticks say of each arm, (6,), for the time since they last did.
@@ -277,11 +292,7 @@ class TeleopInput:
                 drags = self._grips.drags
                 if lead is Lead.UNDO and not drags:
                     raise RobotRefused("no drag of this teleoperation is left to be undone")
-                goal = drags.pop() if lead is Lead.UNDO else asked.copy()
-                if lead is Lead.STRAIGHTEN:
-                    for pose in goal:
-                        pose[3:] = squared(pose[3:])
-                self._goal = lead, goal
+                self._goal = lead, drags.pop() if lead is Lead.UNDO else straightened(asked)
             self._ask(towards(asked, self._goal[1], elapsed_s, *self._speeds))
 
     @property
@@ -341,21 +352,10 @@ class TeleopInput:
         return True
 
     def _ask(self, asked: Array) -> None:
-        self._refusal = self._why_not(asked)
+        self._refusal = refusal(asked, self._watch.command())
         if self._refusal is None:
             self._asked = asked
             self._write()
-
-    def _why_not(self, asked: Array) -> str | None:
-        command = self._watch.command()
-        if not np.isfinite(asked).all() or (np.abs(np.linalg.norm(asked[:, 3:], axis=1) - 1.0) > 1e-3).any():
-            return "the request is no pose"
-        if command is None:
-            return "the arms have not said yet where they are"
-        for want, now in zip(asked, command, strict=True):
-            if np.linalg.norm(want[:3] - now[:3]) > reach.AHEAD_M or angle_between(want[3:], now[3:]) > reach.AHEAD_RAD:
-                return TOO_FAR
-        return None
 
     def _write(self, **fields: int) -> None:
         """Write the target with what is asked for, and these fields of it anew."""
@@ -371,21 +371,23 @@ class TeleopInput:
         quiet = self._clock() - int(self._target["clutch_ns"][0]) > CLUTCH_S * 1e9
         if self._by is not None and (quiet or self._job() is None):
             self._by = None
-            self._grips.let_go()
-        job = self._job()
-        number = None if job is None else job.number
+            self._lead_nothing()
+        number = getattr(self._job(), "number", None)
         if number != self._of_job:  # what was dragged before is another teleoperation's
-            self._of_job, self._refusal, self._policy = number, None, None
+            self._of_job = number
+            self._refusal = self._late = self._dropped = self.policies.leads = None
             self._grips.drags.clear()
-            self._late = None
             self._gate.forget()
             self._latency.forget()
 
     def _check_holder(self, operator: str) -> None:
+        if self._holder != operator:
+            raise RobotRefused(f"{self._holder or 'no operator'} has control; take control first")
+
+    @property
+    def _holder(self) -> str | None:
         status = self._watch.view.status
-        holder = None if status is None else status.holder
-        if holder != operator:
-            raise RobotRefused(f"{holder or 'no operator'} has control; take control first")
+        return None if status is None else status.holder
 
     def _job(self, *kinds: JobKind) -> Job | None:
         status = self._watch.view.status

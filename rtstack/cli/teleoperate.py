@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rtstack.cli.console_client import Operator, Stream
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.options import ObjectName
@@ -15,7 +16,6 @@ from rtstack.live.protocol import JobState
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
-    from rtstack.cli.console_client import Operator, Stream
     from rtstack.teleoperation.device import InputDevice
     from rtstack.teleoperation.stamp import Sender
 
@@ -38,7 +38,6 @@ def teleoperate(
 ) -> None:
     """Take control, arm, and let an input device lead the arms of a running stack; Ctrl-C ends it softly."""
     # a clutch that is let go holds the arms; a device that is silent stops them
-    from rtstack.cli.console_client import Operator
     from rtstack.teleoperation.device import DEVICES
     from rtstack.teleoperation.stamp import Sender
 
@@ -68,7 +67,7 @@ def teleoperate(
         raise typer.Exit(FAILED)
 
 
-def hold(operator: "Operator", stream: "Stream", sender: "Sender") -> None:
+def hold(operator: Operator, stream: Stream, sender: "Sender") -> None:
     """Hold the clutch as soon as the arms have said where they are: what a device says before that would be lost."""
     until_s = time.monotonic() + TIMEOUT_S
     _told(stream, sender, {})  # nothing asked: the answer is the first picture
@@ -78,12 +77,12 @@ def hold(operator: "Operator", stream: "Stream", sender: "Sender") -> None:
         time.sleep(PERIOD_S)
 
 
-def _told(stream: "Stream", sender: "Sender", message: dict[str, Any]) -> dict[str, Any]:
+def _told(stream: Stream, sender: "Sender", message: dict[str, Any]) -> dict[str, Any]:
     stream.send(json.dumps(sender.stamped(message)))
     return sender.saw(json.loads(stream.recv(TIMEOUT_S)))
 
 
-def lead(operator: "Operator", device: "InputDevice", stream: "Stream", sender: "Sender", stop: Any) -> dict[str, Any]:
+def lead(operator: Operator, device: "InputDevice", stream: Stream, sender: "Sender", stop: Any) -> dict[str, Any]:
     """Pass on what the device says, 50 times a second, until it has finished. Returns the job."""
     beat_s, refused, beaten = -BEAT_S, "", None
     with ThreadPoolExecutor(1) as beside:  # a robot process that answers late must not hold the clutch up

@@ -23,6 +23,7 @@ class Release(IntEnum):
     NOT_YET = 0  # it was not held since the session began
     RELEASED = 1  # by the operator
     LOST = 2  # the page was hidden, closed, or lost the keyboard focus
+    DROPPED = 3  # by the console: its hand moved as no hand can, or was lost by its tracker
 
 
 # clutch_ns: host's time.monotonic_ns() of the last sign of life of a clutch that is held, 0 while it is not; release:

@@ -20,7 +20,7 @@ import numpy as np
 from hal.compilation import compiled
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
-from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, GAP_M, TILT_RAD
+from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, GAP_M, TILT_RAD, UNIT_TOLERANCE
 
 LOW_PASS_S = 0.04  # fills the time between two requests of a page
 SMOOTH_S = 0.1
@@ -145,8 +145,6 @@ def write_point(followers, points):
         )
 
 
-LENGTH_TOLERANCE = 1e-3  # of a quaternion
-
 # working memory of an arm's request
 AIM = np.dtype([("position", "f8", 3), ("rotation", "f8", (3, 3)), ("goal", "f8", 6), ("usable", "i8")])
 
@@ -176,7 +174,7 @@ def _usable(pose):
             return False
         if i >= 3:
             square += pose[i] ** 2
-    return abs(math.sqrt(square) - 1.0) <= LENGTH_TOLERANCE
+    return abs(math.sqrt(square) - 1.0) <= UNIT_TOLERANCE
 
 
 @compiled

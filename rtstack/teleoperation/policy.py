@@ -17,10 +17,10 @@ from rtstack.loop.mailbox import CHUNK, CHUNK_POSES
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import SIDES
+from rtstack.teleoperation.reach import UNIT_TOLERANCE
 
 SLOWEST_HZ, FASTEST_HZ = 10, 50  # of the observations
 LONGEST_STEP_S = 0.5  # between two poses of a chunk
-UNIT_TOLERANCE = 1e-3  # of a quaternion's length
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ TILT_RAD = 1.0  # away from where the end effector began
 # of the judge's box, at whose edge it stops the arms: at 300 N/m they swing past their command by up to 15 mm. Below
 # there is less, since at home the pads are only 10 mm above the box's floor
 INSIDE_M, INSIDE_FLOOR_M = 0.03, 0.01
+UNIT_TOLERANCE = 1e-3  # of a quaternion's length
 GAP_M = 0.04  # between both pads' faces along y, so that empty hands do not clap
 
 

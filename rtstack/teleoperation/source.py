@@ -29,6 +29,7 @@ _POSTURE_RAD = 0.3 * CONTROL_PERIOD_S  # a tick: the posture that a policy's joi
 RELEASE_TEXTS: dict[int, str] = {
     Release.RELEASED: "the clutch was let go",
     Release.LOST: "the page lost the operator's hand",
+    Release.DROPPED: "a hand moved as no hand can, or was lost by its tracker",
 }
 
 
@@ -89,7 +90,7 @@ class TeleoperationSource:
         arms = len(sides)
         self.points = np.zeros((arms, 1), POINT)
         self.moved = False  # whether the clutch was held
-        self.lost = False  # whether it was let go because the operator was out of sight
+        self.lost = False  # whether it ended since the operator's hand was lost
         self._mailbox = mailbox
         self._job = job
         self._reach = reach
@@ -246,9 +247,11 @@ class TeleoperationSource:
         if not self._held:
             return None
         self._held = False
-        self.lost = release == Release.LOST
-        if self._stop_on_release or release != Release.RELEASED:
+        if self._stop_on_release or release not in (Release.RELEASED, Release.DROPPED):
+            self.lost = release != Release.RELEASED
             return released(release)
+        if release == Release.DROPPED:
+            self.tell(f"the grip was let go, and the arms hold: {RELEASE_TEXTS[release]}")
         for follower in self._followers:
             hold(follower)
         return None

@@ -3,24 +3,30 @@
 import json
 import time
 from dataclasses import replace
+from itertools import count
 
 import httpx
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from console.scene.scenes import Detail
+from console.teleoperation.devices import Grips
 from console.teleoperation.pair import Coupling, led
 from console.teleoperation.quaternion import angle_between, product, quaternion, squared
+from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import JobState
 from rtstack.loop.mailbox import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
-from rtstack.teleoperation.stamp import Sender
+from rtstack.teleoperation.stamp import Sender, Stamp
 from tests.support.console.client import arm, cookie_header, say, socket, wait_for
 
 POSES = np.array([[0.0, 0.35, 0.26, 1.0, 0.0, 0.0, 0.0], [0.0, -0.35, 0.26, 1.0, 0.0, 0.0, 0.0]])
 ORDER = {"object": "rice_box"}
+_HOURS = count(0, 3600)  # s
 HAND = "/api/teleoperation/hand"
 
 
@@ -166,8 +172,66 @@ def test_a_bad_message_is_one_line_and_moves_nothing(running, message):
 def test_a_jump_and_a_pose_that_is_none_are_refused_with_the_reason(running):
     served, client, headers = running
     for left in ([0.5, 0.35, 0.26, 1, 0, 0, 0], [0, 0.35, 0.26, 0, 0, 0, 0], [0, 0.35, 0.26, 0, 1, 0, 0]):
-        assert say(client, headers, **moved(left=left)).json()["refusal"] is not None
+        answer = say(client, headers, **moved(left=left)).json()
+        assert answer.get("refusal") or "let go" in answer["error"]
         np.testing.assert_allclose(target(served)["pose"], POSES)
+        say(client, headers, clutch=False)
+
+
+def hand_at(x=0.0, quaternion=(1.0, 0.0, 0.0, 0.0)):
+    return [0.4 + x, 0.1, 1.0, *quaternion]
+
+
+def test_a_hand_that_jumps_is_let_go_until_its_grip_was_opened(running):
+    served, client, headers = running
+    for bad in ({"hands": {"left": hand_at(0.4)}}, {"hands": {"left": hand_at(0.0, (0.9, 0.0, 0.0, 0.0))}},
+                {"hands": {"left": hand_at()}, "sensed": {"left": hand_at(2.0, (0.0, 1.0, 0.0, 0.0))}},
+                {"hands": {"left": hand_at()}, "tracked": False}):  # fmt: skip
+        rest = {"clutch": True, "hands": {"left": hand_at()}, "sensed": {"left": hand_at()}}
+        assert say(client, headers, **rest).json()["held"]
+        answer = say(client, headers, **({"clutch": True} | bad))
+        assert answer.status_code == 409
+        assert "let go" in answer.json()["error"]
+        assert (target(served)["clutch_ns"], target(served)["release"]) == (0, Release.DROPPED)
+        for again in ({"clutch": True, "hands": {"left": hand_at()}}, {"clutch": True, "pose": {"left": hand_at()}}):
+            say(client, headers, clutch=False, lost=True)  # a page that lost the hand has not seen the grip opened
+            assert say(client, headers, **again).json() == answer.json()
+        assert served.parts.teleop.view.refusal == answer.json()["error"]
+        np.testing.assert_array_equal(target(served)["pose"], POSES)
+        say(client, headers, clutch=False)
+        assert served.parts.teleop.view.refusal is None
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    steps=st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=4, max_size=30),
+    jump=st.tuples(*[st.floats(-0.4, 0.4)] * 3).filter(lambda way: np.linalg.norm(way) > 0.06),
+)
+def test_a_hand_is_followed_as_it_is_and_a_jump_moves_no_request(running, steps, jump):
+    """steps: accelerations along each axis, m/s2, at 50 Hz."""
+    served, _, _ = running
+    teleop, grips = served.parts.teleop, Grips()
+    by = served.parts.watch.view.status.holder
+    teleop.release(by)
+    teleop.press(by)
+
+    def track(place):
+        nonlocal at_ms
+        at_ms += 20.0
+        hand = np.array([*place, 1.0, 0.0, 0.0, 0.0])
+        teleop._motion.advance(Stamp("a", 1, at_ms, 1, 0.0), round(1e6 * at_ms))
+        teleop.press(by)
+        teleop.track(by, [hand, None])
+        return grips.track([hand, None], POSES, Coupling.SEPARATE)
+
+    at_ms, drawn = 1e3 * next(_HOURS), 0.02 * np.cumsum(np.cumsum(0.02 * np.array(steps), axis=0), axis=0)
+    for place in np.array([0.4, 0.1, 1.0]) + drawn:
+        np.testing.assert_array_equal(track(place), target(served)["pose"])
+    before = target(served)["pose"].copy()
+    for at in (place + jump, place):
+        with pytest.raises(RobotRefused, match="let go"):
+            track(at)
+        np.testing.assert_array_equal(target(served)["pose"], before)
 
 
 def test_keys_and_sticks_move_as_far_as_they_are_held_and_both_arms_where_they_are_linked(running):

@@ -171,6 +171,14 @@ export class PhoneDevice {
     this.from = null;
   }
 
+  // How it is held, by which the console judges whether a hand turns it so: turns about z, x and y, one after the other
+  // (https://www.w3.org/TR/orientation-event/).
+  get sensed() {
+    const [[cz, sz], [cx, sx], [cy, sy]] = this.now.map((deg) => [Math.cos((deg * Math.PI) / 360), Math.sin((deg * Math.PI) / 360)]);
+    const wxyz = [cz * cx * cy - sz * sx * sy, cz * sx * cy - sz * cx * sy, cz * cx * sy + sz * sx * cy, cz * sx * sy + sz * cx * cy];
+    return { [this.side]: [0, 0, 0, ...wxyz] };
+  }
+
   read() {
     if (this.now === null) return null;
     this.from ??= this.now;

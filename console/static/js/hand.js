@@ -22,6 +22,7 @@ export class Hand {
     this.by = null; // what holds it: key, button, mouse, undo, straighten, guide, or a device's name
     this.dragHolds = false; // whether a mouse button that is down in the scene holds the clutch, once it drags a gizmo
     this.problem = null;
+    this.dropped = null; // what held it when the console let go: it has to be let go before it holds again
     this.listeners = [];
     this.connect();
     this.listen(window);
@@ -84,6 +85,7 @@ export class Hand {
 
   press(by) {
     if (!this.usable || this.held) return;
+    this.open(); // a key or a button that is pressed was up before
     this.held = true;
     this.by = by;
     this.problem = null;
@@ -104,16 +106,23 @@ export class Hand {
   drop(problem) {
     if (!this.held) return;
     this.held = false;
-    this.by = null;
+    [this.dropped, this.by] = [this.by, null];
     this.problem = problem;
     this.tell();
+  }
+
+  // What held it has been let go.
+  open() {
+    if (this.dropped) this.say({ clutch: false });
+    this.dropped = null;
   }
 
   beat() {
     const holds = this.devices.find(({ clutch }) => clutch);
     const by = this.devices.find(({ name }) => name === this.by);
     if (by && !by.clutch) this.letGo(by.clutch === null);
-    else if (holds && this.usable && !this.held) {
+    else if (!holds && this.devices.some(({ name }) => name === this.dropped)) this.open();
+    else if (holds && this.usable && !this.held && !this.dropped) {
       this.held = true;
       this.by = holds.name;
       this.tell();
@@ -121,8 +130,12 @@ export class Hand {
     if (!this.held) return;
     const message = this.by === "mouse" ? { grip: true } : { clutch: true };
     if (this.by in LEADS) message.lead = LEADS[this.by];
-    const deflection = this.devices.reduce((found, device) => found ?? device.read(), null);
-    if (deflection) message.deflection = deflection;
+    for (const device of this.devices) {
+      const deflection = device.read();
+      if (!deflection) continue;
+      Object.assign(message, { deflection, sensed: device.sensed });
+      break;
+    }
     this.say(this.commands.stamped(message));
   }
 

@@ -23,10 +23,11 @@ export class Controllers {
     this.pinched = ofSides(() => false);
   }
 
-  // What a frame shows: hands (7 numbers each, null for one that leads nothing), lost: one that led is not seen any more;
+  // What a frame shows: hands (7 numbers each, null for one that leads nothing), sensed: the same before their filter, by
+  // which the console judges whether a hand moves so; gripped: any grip is held; lost: one that led is not seen any more;
   // pressed: of each controller, also of one that leads no arm, the names of its buttons; points: where controllers are whose trigger is pulled, in the room.
   read(frame, space, atS) {
-    const said = { hands: ofSides(() => null), lost: false, pressed: { left: new Set(), right: new Set() }, points: {} };
+    const said = { hands: ofSides(() => null), sensed: ofSides(() => null), gripped: false, lost: false, pressed: { left: new Set(), right: new Set() }, points: {} };
     const seen = new Set();
     for (const source of frame.session.inputSources) {
       const side = source.handedness;
@@ -62,6 +63,7 @@ export class Controllers {
   take(side, { gripped, pose, down }, said, atS) {
     for (const name of down) said.pressed[side].add(name);
     if (!gripped) this.must[side] = false;
+    said.gripped ||= gripped;
     const usable = pose && !pose.emulatedPosition;
     if (usable && !gripped && said.pressed[side].has("trigger")) said.points[side] = pose.transform.position;
     if (!gripped || this.must[side] || !usable) {
@@ -71,7 +73,9 @@ export class Controllers {
     }
     const { position, orientation } = pose.transform;
     this.held[side] = true;
-    said.hands[side] = [...this.filters[side].filter(this.frames.place(position), atS), orientation.w, ...this.frames.direction(orientation)];
+    const [place, turn] = [this.frames.place(position), [orientation.w, ...this.frames.direction(orientation)]];
+    said.sensed[side] = [...place, ...turn];
+    said.hands[side] = [...this.filters[side].filter(place, atS), ...turn];
   }
 
   forget(side, gripped) {

@@ -16,6 +16,7 @@ import { Immersion } from "./immersion.js";
 const $ = (id) => document.getElementById(id);
 const RETRY_MS = 1000;
 const PULSE_MS = 60;
+const DROPPED_MS = 400;
 const FULL_N = 60; // a pulse as strong as it can be
 const LEAST_N = 5; // the impact detector's force_high
 const QUARTER = Math.PI / 2;
@@ -28,6 +29,7 @@ class Headset {
     const camera = $("camera-name");
     camera?.addEventListener("change", () => this.camera.look(camera.value));
     this.held = false;
+    this.dropped = false; // the console has let go, and waits until the grips were opened
     this.running = false;
     this.view = null;
     this.felt = Object.fromEntries(SIDES.map((side) => [side, 0]));
@@ -119,23 +121,27 @@ class Headset {
   }
 
   // What a picture of the headset shows of the hands; pressed: newly, of each controller.
-  hear({ hands, lost, pressed }) {
+  hear({ hands, sensed, gripped, lost, pressed }) {
     const either = (name) => pressed.left.has(name) || pressed.right.has(name);
     if (either("stick") || pressed.right.has("upper")) stop();
     if (pressed.right.has("lower") || (!TWO && pressed.left.has("lower"))) this.running ? this.finish() : this.start(true);
     if (TWO && pressed.left.has("upper")) this.accept();
     if (TWO && pressed.left.has("lower")) this.mirror(!$("mirror").checked);
+    if (this.dropped && !gripped) {
+      this.dropped = false;
+      this.say({ clutch: false });
+    }
     if (lost) this.letGo(true);
-    else this.lead(hands);
+    else this.lead(hands, sensed);
   }
 
-  lead(hands) {
+  lead(hands, sensed) {
     if (Object.values(hands).every((hand) => hand === null) || !this.running) {
       this.letGo(false, false);
       return;
     }
     this.held = true;
-    this.say(this.commands.stamped({ clutch: true, hands }));
+    this.say(this.commands.stamped({ clutch: true, hands, sensed }));
   }
 
   // forget: a grip that is still held leads again only after it was let go.
@@ -149,6 +155,8 @@ class Headset {
   drop(problem) {
     if (!this.held) return;
     this.letGo(true);
+    this.dropped = true;
+    for (const side of SIDES) this.immersion.pulse(side, 1, DROPPED_MS);
     this.tell(`${TWO ? "The arms do" : "The arm does"} not follow: ${problem}.`);
   }
 
