@@ -6,10 +6,13 @@ from, in a folder of the user's, and written under a lock. It is a property of e
 functions that others compile, stay as they are.
 """
 
+import atexit
 import hashlib
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from enum import EnumMeta
 from functools import cache, partial
 from pathlib import Path
@@ -23,8 +26,11 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCach
 from numba.extending import intrinsic
 
 from hal.base.files import locked
+from hal.base.shared import private_folder, refuse_foreign
 
 _TYPES: dict[Any, Any] = {}  # of arrays that were bound
+_ending = ExitStack()  # of this process
+atexit.register(_ending.close)
 
 
 def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) -> Any:
@@ -118,18 +124,35 @@ def _entry(function: Any, bound_types: tuple[Any, ...], later_types: tuple[Any, 
 
 
 def cache_folder() -> Path:
-    """Return where machine code is kept: the folder that the user chose for numba, else one of the user's cache.
+    """Return where machine code is kept, which other users cannot change: numba's files are pickles.
 
-    Where that cannot be made, one for temporary files.
+    The folder that the user chose for numba, else one of the user's cache, else one among the temporary files; where
+    none of these is the user's alone, one that ends with this process.
     """
-    if chosen := config.CACHE_DIR:  # pyright: ignore[reportAttributeAccessIssue]  # numba sets it at import
-        return Path(chosen)
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    try:
-        (cache / "rtstack").mkdir(parents=True, exist_ok=True)
-    except OSError:
-        cache = Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"
-    return cache / "rtstack" / "compiled"
+    chosen = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]  # numba sets it at import
+    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    return _own_cache(chosen, cache, tempfile.gettempdir())
+
+
+@cache
+def _own_cache(chosen: str, user: str, temporary: str) -> Path:
+    why = ""
+    for base, *below in ([chosen], [user, "rtstack", "compiled"], [temporary, f"cache-{os.getuid()}", "compiled"]):
+        if not base or base.startswith("~"):  # nothing was chosen, or there is no home
+            continue
+        folder = Path(base)
+        try:
+            for name in ("", *below):
+                folder /= name
+                folder.mkdir(0o700, parents=not name, exist_ok=True)
+            refuse_foreign(folder)
+            return folder
+        except OSError as error:
+            why = f"{error.filename}: {error.strerror}"
+    folder = _ending.enter_context(private_folder("compiled"))
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)  # for the processes that this one starts
+    print(f"rtstack: machine code is not kept ({why}): name a folder of your own by XDG_CACHE_HOME", file=sys.stderr)
+    return folder
 
 
 class _Locator(InTreeCacheLocator):

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rtstack.cameras.newest import NewestPictures
+from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.log.writing.pictures import LoggedCamera, PictureRing
 from rtstack.model.cell_description import CellDescription
@@ -28,7 +29,13 @@ class Cameras:
         self._periods_ns = {name: round(1e9 / each.rate_hz) for name, each in description.cameras.items()}
         logged = []
         for name, camera in description.cameras.items():
-            ring = PictureRing.create()
+            try:
+                ring = PictureRing.create()
+            except LogError:
+                self.finish()
+                self.close()
+                rings.close()
+                raise
             self._rings.append(ring)
             logged.append(LoggedCamera(
                 name, ring.name, camera.width, camera.height, camera.K, camera.D, camera.pose, camera.format == "h264"

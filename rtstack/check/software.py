@@ -10,6 +10,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from hal.base.extras import published_for
+from hal.base.shared import left_behind
 from rtstack.check.finding import Finding, finding
 
 _LOG_BYTES = 1e6  # a second of a log, and a trial has some ten of them
@@ -20,8 +21,8 @@ _IMPORTANT = ("mujoco", "pin", "proxsuite", "pylibfranka", "numba", "numpy")  # 
 
 
 def software_findings(logs: Path) -> list[Finding]:
-    """Look at Python, packages, the folder of logs and shared memory."""
-    return [_python(), _packages(), *(_tested(name) for name in _IMPORTANT), _disk(logs), _shared_memory()]
+    """Look at Python, packages, the folder of logs, shared memory, and what killed processes left there."""
+    return [_python(), _packages(), *(_tested(name) for name in _IMPORTANT), _disk(logs), _shared_memory(), _left()]
 
 
 def _python() -> Finding:
@@ -90,3 +91,10 @@ def _shared_memory() -> Finding:
         free = 0
     return finding("shared memory", f"{free / 1e6:.0f} MB", free > _SHARED_BYTES, "loop, log and console cannot meet",
                    "mount a tmpfs of 256 MB at /dev/shm (a container: --shm-size=256m)", required=True)  # fmt: skip
+
+
+def _left() -> Finding:
+    found = left_behind()
+    value = ", ".join(f"{path} of {owner}" for path, owner in found.items()) or "nothing"
+    return finding("left behind", value, not found, "memory, and disk, of processes that were killed",
+                   "yours go when `rtstack up` or `trial` starts again, others when their user does that")  # fmt: skip

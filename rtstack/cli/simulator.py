@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hal.base.realtime import ANY_CPU, robot_cpu
+from hal.base.shared import remove_left
 from rtstack.cli.options import CellFile, Faults, Profile, Seed, ShiftX, ShiftY, Yaw
 from rtstack.trials.errors import TrialError
 from sim_robot.desk.box import SELF_TEST_EVERY_S
@@ -92,6 +93,7 @@ def sim(
         shift = "".join(f" --{option}={value:g}" for option, value in shifts.items() if value != 0.0)
         return f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}{file}"
 
+    remove_left()
     if status := serve(Options(**options), next_step):
         raise typer.Exit(status)
 

@@ -4,25 +4,22 @@ One writer, any number of readers, neither waits for the other: a reader that is
 how many. The block also carries how far the log process has read, its state, and the request to finish.
 """
 
-import contextlib
-import mmap
 import os
 import secrets
 import threading
 from collections.abc import Mapping
 from enum import IntEnum
-from multiprocessing import shared_memory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.base.shared import Block
 from rtstack.log.errors import LogError
 from rtstack.log.time_of_day import TIMES
 from rtstack.topics import TOPICS
 
 CAPACITY = 8192  # records, 8 s at 1 kHz: what a start-up of the log process takes, several times over
-_DIRECTORY = "/dev/shm"  # shm_overview(7): where Linux keeps named shared memory
 _MAGIC = b"rtrings2"
 _CACHE_LINE = 64
 
@@ -151,14 +148,10 @@ class RingReader:
 class Rings:
     """All rings of a trial. The process that creates them owns the block and unlinks it in `close`."""
 
-    def __init__(self, name: str, owned: shared_memory.SharedMemory | None) -> None:
-        with open(os.path.join(_DIRECTORY, name), "r+b") as file:
-            block = mmap.mmap(file.fileno(), 0)
-        self.name = name
-        self._owned = owned
-        self._control = np.frombuffer(block, _CONTROL, 1)
-        self._topics = np.frombuffer(block, _TOPIC, len(TOPICS), _CONTROL.itemsize)
-        self._block = block
+    def __init__(self, block: Block) -> None:
+        self.name, self._block = block.name, block
+        self._control = np.frombuffer(block.memory, _CONTROL, 1)
+        self._topics = np.frombuffer(block.memory, _TOPIC, len(TOPICS), _CONTROL.itemsize)
         self._heads, self._consumed = self._topics["head"], self._topics["consumed"]
         self._capacities = self._topics["capacity"]
 
@@ -173,16 +166,9 @@ class Rings:
             if records < 2 or records & (records - 1):
                 raise ValueError(f"{topic}: the capacity of a ring is a power of two, not {records}")
         size = _SLOTS_OFFSET + sum(_slot_dtype(topic).itemsize * records for topic, records in sizes.items())
-        name = f"rtstack-{os.getpid()}-{secrets.token_hex(4)}"
-        owned = shared_memory.SharedMemory(name, create=True, size=size)
-        owned.close()  # we map it ourselves: views of SharedMemory.buf make its close fail
         try:
-            # take the pages now: a write beyond the last free page would be a SIGBUS in the middle of a tick
-            with open(os.path.join(_DIRECTORY, name), "r+b") as file:
-                os.posix_fallocate(file.fileno(), 0, size)
-            rings = cls(name, owned)
+            rings = cls(Block.create(f"rtstack-{os.getpid()}-{secrets.token_hex(4)}", size))
         except OSError as error:
-            owned.unlink()
             raise LogError(f"no shared memory for the log ({size / 1e6:.0f} MB): {error.strerror}") from error
         for index, (topic, records) in enumerate(sizes.items()):
             rings._topics[index]["capacity"] = records
@@ -193,9 +179,8 @@ class Rings:
     @classmethod
     def attach(cls, name: str) -> "Rings":
         """Map another process's block. Raises LogError where there is none, or one of another version."""
-        # not through SharedMemory: before Python 3.13 its tracker unlinks the block when this process ends
         try:
-            rings = cls(name, None)
+            rings = cls(Block.attach(name))
         except (OSError, ValueError) as error:
             raise LogError(f"there are no rings named {name}") from error
         sizes = [topic.record.itemsize for topic in TOPICS.values()]
@@ -208,7 +193,7 @@ class Rings:
         for index, name in enumerate(TOPICS):
             capacity = int(self._topics[index]["capacity"])
             if name == topic:
-                return index, np.frombuffer(self._block, _slot_dtype(topic), capacity, offset)
+                return index, np.frombuffer(self._block.memory, _slot_dtype(topic), capacity, offset)
             offset += _slot_dtype(name).itemsize * capacity
         raise KeyError(topic)
 
@@ -217,11 +202,11 @@ class Rings:
         index, slots = self._slots(topic)
         return Pusher(self._topics["head"][index : index + 1], slots)
 
-    def reader(self, topic: str) -> RingReader:
-        """Return a reader that starts with the next record. Raises KeyError for a topic not in TOPICS."""
+    def reader(self, topic: str, oldest: bool = False) -> RingReader:
+        """Return a reader that starts with the next record, or the first. Raises KeyError for a topic not in TOPICS."""
         index, slots = self._slots(topic)
         line = self._topics[index : index + 1]
-        return RingReader(line, slots, int(line["head"][0]), publishes=False)
+        return RingReader(line, slots, 0 if oldest else int(line["head"][0]), publishes=False)
 
     def log_reader(self, topic: str) -> RingReader:
         """Return the log process's reader: starts with the first record, publishes how far it has read."""
@@ -291,10 +276,7 @@ class Rings:
 
     def close(self) -> None:
         """Unlink the block, if it is ours. Existing views stay valid. May be called twice."""
-        if self._owned is not None:
-            with contextlib.suppress(FileNotFoundError):
-                self._owned.unlink()
-            self._owned = None
+        self._block.close()
 
     def __enter__(self) -> "Rings":
         return self

@@ -8,13 +8,13 @@ never.
 What an operator asks of the loop, and what a policy does: the blocks of words that the mailbox carries.
 """
 
-import mmap
-import os
 from enum import IntEnum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hal.base.shared import Block, remove_block
+from rtstack.log.errors import LogError
 
 
 class Release(IntEnum):
@@ -72,7 +72,6 @@ CHUNK = np.dtype(
 )
 
 
-_FOLDER = Path("/dev/shm")  # where Linux keeps POSIX shared memory
 _MAGIC = 0x7274_6D62_6F78_0003  # "rtmbox", layout version 3
 
 
@@ -95,52 +94,39 @@ class _Word(IntEnum):
 _SIZE_BYTES = 4096  # a page
 
 
-class MailboxError(Exception):
+class MailboxError(LogError):
     """The mailbox cannot be created or attached; the message says why."""
 
 
 class Mailbox:
     """One mailbox. The process that created it owns it, and removes it when it closes it."""
 
-    __slots__ = ("_map", "_owner", "_path", "_words")
+    __slots__ = ("_block", "_words")
 
-    def __init__(self, path: Path, memory: mmap.mmap, owner: bool) -> None:
-        self._path = path
-        self._map = memory
-        self._owner = owner
-        self._words = memoryview(memory).cast("q")
+    def __init__(self, block: Block) -> None:
+        self._block = block
+        self._words = memoryview(block.memory).cast("q")
 
     @classmethod
     def create(cls, name: str) -> "Mailbox":
         """Create the mailbox `name`, all words zero. Raises MailboxError when it exists or the name is no name."""
-        path = _path_of(name)
+        _check(name)
         try:
-            descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+            box = cls(Block.create(name, _SIZE_BYTES))
         except OSError as error:
             raise MailboxError(f"mailbox {name}: cannot be created: {error.strerror}") from None
-        try:
-            os.ftruncate(descriptor, _SIZE_BYTES)
-            box = cls(path, mmap.mmap(descriptor, _SIZE_BYTES), owner=True)
-        finally:
-            os.close(descriptor)
         box._words[_Word.MAGIC] = _MAGIC
         return box
 
     @classmethod
     def attach(cls, name: str) -> "Mailbox":
         """Attach to the mailbox `name` of another process. Raises MailboxError when it is not there, or not ours."""
-        path = _path_of(name)
+        _check(name)
         try:
-            descriptor = os.open(path, os.O_RDWR)
-        except OSError as error:
-            raise MailboxError(f"mailbox {name}: cannot be attached: {error.strerror}") from None
-        try:
-            if os.fstat(descriptor).st_size != _SIZE_BYTES:
-                raise MailboxError(f"mailbox {name}: not a mailbox")
-            box = cls(path, mmap.mmap(descriptor, _SIZE_BYTES), owner=False)
-        finally:
-            os.close(descriptor)
-        if box._words[_Word.MAGIC] != _MAGIC:
+            box = cls(Block.attach(name))
+        except (OSError, ValueError) as error:  # ValueError: mmap's, of an empty file
+            raise MailboxError(f"mailbox {name}: cannot be attached: {getattr(error, 'strerror', error)}") from None
+        if len(box._words) * 8 != _SIZE_BYTES or box._words[_Word.MAGIC] != _MAGIC:
             box.close()
             raise MailboxError(f"mailbox {name}: another layout version")
         return box
@@ -218,17 +204,15 @@ class Mailbox:
     def close(self) -> None:
         """Let go of the memory; the owner also removes the name. May be called twice."""
         self._words.release()
-        self._map.close()
-        if self._owner:
-            self._path.unlink(missing_ok=True)
+        self._block.close()
 
 
 def remove_mailbox(name: str) -> None:
     """Remove what an owner that was killed left behind. Does nothing when there is nothing."""
-    _path_of(name).unlink(missing_ok=True)
+    _check(name)
+    remove_block(name)
 
 
-def _path_of(name: str) -> Path:
+def _check(name: str) -> None:
     if not name or not all(letter.isascii() and (letter.isalnum() or letter in "-_") for letter in name):
         raise MailboxError(f"mailbox {name!r}: a name has letters, digits, - and _ only")
-    return _FOLDER / name

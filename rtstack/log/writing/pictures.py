@@ -4,13 +4,11 @@ A camera's process writes, the log process reads. A picture that finds no room f
 Where a camera says nothing more, or the disk is nearly full, the log goes on without pictures, and an event says so.
 """
 
-import mmap
 import os
 import secrets
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import foxglove
@@ -18,6 +16,8 @@ import numpy as np
 from foxglove import messages as fox
 from numpy.typing import NDArray
 
+from hal.base.shared import Block
+from rtstack.log.errors import LogError
 from rtstack.log.viewers.frames import WORLD
 from rtstack.log.viewers.instants import stamp
 from rtstack.samples import EVENT, Level
@@ -30,7 +30,6 @@ FIRST_S = 15.0  # until the first one
 RESERVE_BYTES = 256 * 1024 * 1024  # of the disk: below it there are no more pictures, so that the samples go on
 
 _POLL_S = 0.005
-_FOLDER = Path("/dev/shm")  # where Linux keeps POSIX shared memory
 _SLOT = np.dtype([("sequence", "i8"), ("t_ns", "i8"), ("size", "i8"), ("data", "u1", LARGEST_BYTES)])
 _HEAD = np.dtype([("written", "i8"), ("read", "i8"), ("ready", "i8"), ("error", "S200")])
 
@@ -38,27 +37,26 @@ _HEAD = np.dtype([("written", "i8"), ("read", "i8"), ("ready", "i8"), ("error", 
 class PictureRing:
     """The newest pictures of a camera: JPEG, or parts of H.264. Its creator closes it last."""
 
-    def __init__(self, name: str, owner: bool) -> None:
-        self.name, self._owner = name, owner
-        with open(_FOLDER / name, "r+b") as file:
-            memory = mmap.mmap(file.fileno(), 0)
-        self._head: NDArray[Any] = np.frombuffer(memory, _HEAD, 1)
-        self._slots: NDArray[Any] = np.frombuffer(memory, _SLOT, SLOTS, _HEAD.itemsize)
+    def __init__(self, block: Block) -> None:
+        self.name, self._block = block.name, block
+        self._head: NDArray[Any] = np.frombuffer(block.memory, _HEAD, 1)
+        self._slots: NDArray[Any] = np.frombuffer(block.memory, _SLOT, SLOTS, _HEAD.itemsize)
         self._read = 0
         self.lost = 0
 
     @classmethod
     def create(cls) -> "PictureRing":
-        """Create an empty ring."""
-        name = f"rtstack-{os.getpid()}-{secrets.token_hex(4)}"
-        with open(_FOLDER / name, "xb") as file:
-            file.truncate(_HEAD.itemsize + SLOTS * _SLOT.itemsize)
-        return cls(name, owner=True)
+        """Create an empty ring. Raises LogError where shared memory is exhausted."""
+        name, size = f"rtstack-{os.getpid()}-{secrets.token_hex(4)}", _HEAD.itemsize + SLOTS * _SLOT.itemsize
+        try:
+            return cls(Block.create(name, size))
+        except OSError as error:
+            raise LogError(f"no shared memory for a camera ({size / 1e6:.0f} MB): {error.strerror}") from None
 
     @classmethod
     def attach(cls, name: str) -> "PictureRing":
         """Attach to the ring of another process. Raises OSError."""
-        return cls(name, owner=False)
+        return cls(Block.attach(name))
 
     @property
     def error(self) -> str:
@@ -115,8 +113,7 @@ class PictureRing:
     def close(self) -> None:
         """Let go of the memory; the owner also removes it."""
         self._head = self._slots = np.zeros(0)
-        if self._owner:
-            (_FOLDER / self.name).unlink(missing_ok=True)
+        self._block.close()
 
 
 def camera_topics(name: str) -> tuple[str, str, str]:
