@@ -111,13 +111,16 @@ class Campaigns:
         """Begin a campaign in a folder of its own. Raises Refused while another one runs."""
         with self._lock:
             self._free()
-            folder = self._new_folder(f"{time.strftime('%Y%m%d-%H%M%SZ', time.gmtime())}-{Path(name).stem}{'-quick' * quick}")
+            folder = self._new_folder(
+                f"{time.strftime('%Y%m%d-%H%M%SZ', time.gmtime())}-{Path(name).stem}{'-quick' * quick}"
+            )
             try:
                 self._directory.mkdir(exist_ok=True)
                 asked = Asked(name, quick, time.time(), on_cell)
                 folder.keep(asked)
                 self._begin(folder, asked, workers, niceness, resume=False)
             except OSError as error:
+                folder.forget()
                 raise Refused(409, f"it cannot be begun in {self._directory}: {error.strerror}") from None
             return self.view(folder.id)
 

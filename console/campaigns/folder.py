@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from hal.base.files import write_whole
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 
 # what a campaign writes; a test compares them with the names of rtstack.experiments, which would bring Dask along
@@ -70,7 +71,11 @@ class CampaignFolder:
 
     def keep(self, asked: Asked) -> None:
         """Note what was asked for."""
-        self._note.write_text(json.dumps(asdict(asked)), encoding="utf-8")
+        write_whole(self._note, json.dumps(asdict(asked)))
+
+    def forget(self) -> None:
+        """Remove the note of a campaign that could not be begun."""
+        self._note.unlink(missing_ok=True)
 
     def asked(self) -> Asked | None:
         """Return what was asked for, None where that is no campaign of ours."""

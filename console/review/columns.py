@@ -62,7 +62,7 @@ class Index:
 
     def write(self, folder: Path) -> None:
         """Replace the folder's index in one step: a reader sees the old one or the new one."""
-        write_whole(folder / INDEX, msgspec.json.encode(self))
+        write_whole(folder / INDEX, msgspec.json.encode(self), durable=False)
 
 
 def read_index(folder: Path) -> Index | None:

@@ -11,7 +11,7 @@ PARTIAL = ".part"  # how the name of a file ends that is being written
 
 
 @contextmanager
-def replacing(path: Path, durable: bool = False, mode: int = 0o666) -> Iterator[Path]:
+def replacing(path: Path, durable: bool = True, mode: int = 0o666) -> Iterator[Path]:
     """Give the path of a new file beside `path`; it takes its place when the block ends, and is removed otherwise.
 
     A reader sees the old file or the new one; durable: also after a power failure. mode: permissions, less the
@@ -22,14 +22,27 @@ def replacing(path: Path, durable: bool = False, mode: int = 0o666) -> Iterator[
     try:
         yield new
         if durable:
-            with new.open("rb") as written:
-                os.fsync(written.fileno())
+            keep(new)
         os.replace(new, path)
+        if durable:
+            keep(path.parent)
     finally:
         new.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: str | bytes, durable: bool = False, mode: int = 0o666) -> None:
+def keep(path: Path) -> None:
+    """Wait until the disk has a file's content, or the names in a folder: a power failure takes neither back.
+
+    Raises OSError.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_whole(path: Path, content: str | bytes, durable: bool = True, mode: int = 0o666) -> None:
     """Replace a file's content in one step. Text is written as UTF-8. See `replacing`. Raises OSError."""
     with replacing(path, durable, mode) as new:
         new.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -5,7 +5,6 @@ is still to be measured, but for `stand`. tau_left, tau_right: external torques 
 """
 
 import datetime
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from hal.base.arrays import Array
 from hal.base.configuration import STRICT, ConfigurationError, Real, load_toml, toml_text, with_values
+from hal.base.files import replacing, write_whole
 from rtstack.calibration.fit import CalibrationError, Geometry, Observation
 from rtstack.model.arm_model import flange_pose
 from rtstack.model.cell_description import CellDescription, base_poses, load_cell_description
@@ -82,15 +82,12 @@ def _pose(table: tuple[str, ...], T: Array, prefix: str) -> Values:
 
 def write(path: Path, values: Values) -> None:
     """Change the file, at once and as a whole. Raises ConfigurationError where it could not be read afterwards."""
-    beside = path.with_name(f".{path.name}.new")
     try:
-        beside.write_text(with_values(path.read_text(encoding="utf-8"), values), encoding="utf-8")
-        load_cell_description(beside)
-        os.replace(beside, path)
+        with replacing(path) as beside:
+            beside.write_text(with_values(path.read_text(encoding="utf-8"), values), encoding="utf-8")
+            load_cell_description(beside)
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -165,7 +162,7 @@ def load_points(path: Path) -> dict[str, Point]:
 def save_points(path: Path, points: Mapping[str, Point]) -> None:
     """Write the file anew. Raises ConfigurationError."""
     try:
-        path.write_text(toml_text(asdict(Points(dict(points)))), encoding="utf-8")
+        write_whole(path, toml_text(asdict(Points(dict(points)))))
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from None
 

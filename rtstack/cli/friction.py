@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hal.base.files import write_whole
 from rtstack.cli.exit_status import fail
 from rtstack.cli.options import CellFile, CellKind, Profile, Seed, check_new
 from rtstack.trials.errors import TrialError
@@ -81,7 +82,7 @@ def identify_friction(
             fail(f"joint {run.joint}: {result.failure_reason}")
         identification.take(run.joint, result.columns)
     file = identification.file(description.name, seed)
-    output.write_text(friction_toml(file), encoding="utf-8")
+    write_whole(output, friction_toml(file))
     for side, arm in (("left", file.left), ("right", file.right)):
         if arm is not None:
             typer.echo(f"{side}: " + _line(arm))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hal.base.configuration import toml_text
+from hal.base.files import write_whole
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.options import CellFile, Json, check_new
 from rtstack.cli.progress import progress_bar
@@ -53,7 +54,7 @@ def tune_monitor(
     used, held_out = split(runs)
     parameters = tune([record.run for record in used], sensitivity)
     found = check([record.run for record in held_out], parameters)
-    out.write_text(tuning_toml(parameters, sensitivity, found, used, held_out), encoding="utf-8")
+    write_whole(out, tuning_toml(parameters, sensitivity, found, used, held_out))
     line = (
         f"tuned on {len(used)} runs of {used[0].object}, {out}; of {found.runs} that were held out "
         f"{len(found.false_alarms)} are false alarms, smallest margin {found.smallest_margin:.2f}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hal.base.configuration import read_toml
+from hal.base.files import write_whole
 from rtstack.cli.options import CellFile, check_new
 from rtstack.cli.replay import forces
 from rtstack.trials.errors import TrialError
@@ -50,10 +51,10 @@ def twin(
     with as_file(files("sim_robot") / "parameters" / "profiles" / "ideal.toml") as ideal:
         base, _ = read_toml(ideal)
     out.mkdir()
-    (out / PROFILE).write_text(profile_toml(arms, base), encoding="utf-8")
-    (out / FRICTION).write_text(friction_toml(friction_file(arms, description.name, len(logs))), encoding="utf-8")
+    write_whole(out / PROFILE, profile_toml(arms, base))
+    write_whole(out / FRICTION, friction_toml(friction_file(arms, description.name, len(logs))))
     cell = "\n".join(line for line in source.read_text("utf-8").splitlines() if not line.startswith("joint_friction"))
-    (out / CELL).write_text(f'joint_friction = "{FRICTION}"\n{cell}\n', encoding="utf-8")
+    write_whole(out / CELL, f'joint_friction = "{FRICTION}"\n{cell}\n')
     for side, arm in arms.items():
         typer.echo("\n".join(_lines(side, arm)))
     whose = ", ".join(map(str, held_out)) or "the end of each log, a fifth"
@@ -64,7 +65,7 @@ def twin(
     }
     numbers: dict[str, Any] = used | {side: asdict(arm) for side, arm in arms.items()}
     numbers["replays"] = [each.as_dict() for each in replays]
-    (out / NUMBERS).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+    write_whole(out / NUMBERS, json.dumps(numbers, indent=1) + "\n")
     typer.echo(f"written: {out / PROFILE} (--profile of a simulated cell), {out / CELL} (--cell-file)")
 
 

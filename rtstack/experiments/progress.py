@@ -99,7 +99,7 @@ class Progress:
         self._written_s = time.monotonic()
         values = {"stage": self._label, "done": self._done, "failed": self._failed, "total": self._total}
         values |= {key: text for key, text in (("says", self._told), ("next", self._next)) if text}
-        write_whole(self._file, json.dumps(values) + "\n")
+        write_whole(self._file, json.dumps(values) + "\n", durable=False)
 
 
 @contextmanager

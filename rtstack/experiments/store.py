@@ -12,7 +12,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from hal.base.files import locked
+from hal.base.files import locked, replacing
 from rtstack.experiments.attempts import Attempt
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.experiments.registration import PLAN_DIGEST, file_digest
@@ -166,7 +166,7 @@ class Store:
         files = [(RESULTS, results, rows), (TIMES, times, rows)]
         files += [(ATTEMPTS, list(columns_of(Attempt)), attempts)] if attempts else []
         for file, names, lines in files:
-            with open(self.out / file, "w", newline="", encoding="utf-8") as out:
+            with replacing(self.out / file) as new, open(new, "w", newline="", encoding="utf-8") as out:
                 writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
                 writer.writeheader()
                 writer.writerows(lines)

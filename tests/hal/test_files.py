@@ -1,5 +1,6 @@
 """A file is there whole or as it was, and one process at a time changes it."""
 
+import os
 import stat
 import subprocess
 import sys
@@ -41,6 +42,19 @@ def test_a_reader_sees_one_of_the_states_that_were_written(tmp_path):
     while not over.is_set():
         assert len(set(path.read_text())) == 1
     writer.join()
+
+
+def test_the_disk_has_a_file_before_its_name_and_then_the_name(tmp_path, monkeypatch):
+    done = []
+    names = {path.stat().st_ino: name for path, name in ((tmp_path, "folder"),)}
+    monkeypatch.setattr(os, "fsync", lambda file: done.append(names.get(os.fstat(file).st_ino, "file")))
+    replace = os.replace
+    monkeypatch.setattr(os, "replace", lambda *paths: (done.append("name"), replace(*paths)))
+    write_whole(tmp_path / "a", "1")
+    assert done == ["file", "name", "folder"]
+    done.clear()
+    write_whole(tmp_path / "a", "2", durable=False)
+    assert done == ["name"]
 
 
 HOLD = """
