@@ -3,18 +3,20 @@
 import contextlib
 import os
 import pickle
+import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from hal.base.files import keep, replacing
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.viewers.frames import CellFrames
+from rtstack.log.writing.continuation import has_messages, make_whole
 from rtstack.log.writing.job import Attachment, Evidence, LogJob, texts
 from rtstack.log.writing.pictures import LoggedCamera
 from rtstack.topics import TOPICS
@@ -60,14 +62,20 @@ def _create(path: Path, overwrite: bool) -> BinaryIO:
 
 
 class LogProcess:
-    """A running log process. Made by `start`, ended by `close`."""
+    """A running log process. Made by `start`, ended by `close`.
 
-    def __init__(self, path: Path, rings: Rings, process: subprocess.Popen, job: BinaryIO, errors: BinaryIO) -> None:
+    log: the open file; job: where the process reads what it is to do; errors: where it writes; asked: what it is to do.
+    """
+
+    def __init__(
+        self, path: Path, rings: Rings, process: subprocess.Popen, files: tuple[BinaryIO, BinaryIO, BinaryIO],
+        asked: LogJob,
+    ) -> None:  # fmt: skip
         self.path = path
         self._rings = rings
         self._process = process
-        self._job = job
-        self._errors = errors
+        self._log, self._job, self._errors = files
+        self._asked = asked
 
     @classmethod
     def start(
@@ -81,19 +89,19 @@ class LogProcess:
         Raises LogError where the file cannot be created.
         """
         path = Path(path)
-        with _create(path, overwrite) as log:
-            job, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in _reap)
-            told = LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description, tuple(cameras))
-            pickle.dump(told, job)
-            job.flush()
-            files = job.fileno(), log.fileno()
-            process = subprocess.Popen(
-                [sys.executable, "-m", "rtstack.log.writing.process", *map(str, (*files, os.getpid()))],
-                stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, pass_fds=files,
-                start_new_session=True,  # Ctrl-C in the terminal must not end the log before the trial
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # it only copies: no pool of threads
-            )  # fmt: skip
-        return cls(path, rings, process, job, errors)
+        log = _create(path, overwrite)
+        job, errors = (os.fdopen(os.memfd_create(name), "w+b") for name in ("job", "errors"))  # closed in _reap
+        asked = LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description, tuple(cameras))
+        pickle.dump(asked, job)
+        job.flush()
+        files = job.fileno(), log.fileno()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rtstack.log.writing.process", *map(str, (*files, os.getpid()))],
+            stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, pass_fds=files,
+            start_new_session=True,  # Ctrl-C in the terminal must not end the log before the trial
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # it only copies: no pool of threads
+        )  # fmt: skip
+        return cls(path, rings, process, (log, job, errors), asked)
 
     @property
     def pid(self) -> int:
@@ -138,35 +146,68 @@ class LogProcess:
     def close(
         self, result: Mapping[str, Any] | None = None, evidence: Evidence | None = None, timeout_s: float = 60.0
     ) -> LogSummary:
-        """Write `result` as metadata and the evidence of a fault, finish the file and wait for it.
+        """Write `result` as metadata and the evidence of a fault, finish the file and wait until the disk has it.
 
-        Raises LogError if the file is not complete: the process failed (its reason), died, or does not end.
+        What a process that died or does not end has not written is written here, as far as the rings still hold it.
+        Raises LogError if the file is not complete, or not at its path any more.
         """
+        written = texts(result or {})
         try:
             if result or evidence:
-                pickle.dump((texts(result or {}), evidence), self._job)
+                pickle.dump((written, evidence), self._job)
                 self._job.flush()
             self._rings.request_close()
-            try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout_s)
-            except subprocess.TimeoutExpired as error:
-                self._process.kill()
-                raise LogError(f"the log {self.path} is incomplete: its process did not end") from error
-            if self._process.returncode or self._rings.state is not LogState.FINISHED:
-                raise LogError(self._reason())
+            self._process.kill()
+            self._process.wait()
+            self._check_place()
+            messages = self._rings.messages
+            if self._rings.state is not LogState.FINISHED:
+                messages = self._made_whole(written, evidence)
+            keep(self.path.parent)
+        except OSError as error:
+            raise LogError(f"the log {self.path} may not be on the disk: {error.strerror}") from error
         finally:
             self._reap()
         lost = sum(self._rings.lost(topic) for topic in TOPICS)
-        return LogSummary(self.path, self._rings.messages, lost)
+        return LogSummary(self.path, messages, lost)
+
+    def _made_whole(self, result: dict[str, str], evidence: Evidence | None) -> int:
+        """Return the messages of the whole log. Raises LogError where it cannot be made; an empty one is removed."""
+        if self._rings.state is LogState.READY:
+            with contextlib.suppress(OSError):  # the reason is why the process died
+                made = make_whole(self.path, self._rings, self._asked, self.trouble, result, evidence)
+                if made[1]:
+                    raise LogError(f"the log {self.path} lacks {made[1]:.3f} s: {self.trouble}")
+                return made[0]
+        reason = self._reason()
+        if not has_messages(self.path):
+            self.path.unlink()
+        raise LogError(reason)
+
+    def _check_place(self) -> None:
+        """Write the log anew where its folder was removed. Raises LogError where it was moved or replaced, OSError."""
+        log = self._log.fileno()
+        with contextlib.suppress(OSError):
+            if os.path.samestat(os.fstat(log), self.path.stat()):
+                return
+        if os.fstat(log).st_nlink or self.path.exists():
+            now = os.readlink(f"/proc/self/fd/{log}")
+            raise LogError(f"the log is not at {self.path} any more, its folder was moved or replaced: it is at {now}")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(self.path) as new:
+            shutil.copyfile(f"/proc/self/fd/{log}", new)
 
     def abandon(self) -> None:
         """End the process silently, for a parent that has a worse error to report. Never raises."""
-        with contextlib.suppress(LogError, OSError):
+        with contextlib.suppress(LogError, OSError, ValueError):  # its files are closed
             self.close()
 
     def _reason(self) -> str:
-        recovery = f": recover it with `rtstack recover {self.path}`"
-        return f"the log {self.path} is incomplete: {self.trouble}{recovery if self.path.exists() else ''}"
+        if not has_messages(self.path):
+            return f"the log {self.path} cannot be written: {self.trouble}"
+        return f"recover the log with `rtstack recover {self.path}`, it is incomplete: {self.trouble}"
 
     def _last_error(self) -> str:
         if self._errors.closed:
@@ -177,5 +218,5 @@ class LogProcess:
 
     def _reap(self) -> None:
         self._process.wait()
-        self._job.close()
-        self._errors.close()
+        for file in (self._log, self._job, self._errors):
+            file.close()

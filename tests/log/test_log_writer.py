@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,9 +20,9 @@ from rtstack.log.file.recover import recover
 from rtstack.log.reader import read_log
 from rtstack.log.ring import CAPACITY, LogState, Rings
 from rtstack.log.viewers.scenery import scenery_schemas
-from rtstack.log.writer import LogProcess, check_log_path
+from rtstack.log.writer import Attachment, LogProcess, check_log_path
 from rtstack.log.writing.mcap_writer import McapWriter
-from rtstack.topics import TOPICS
+from rtstack.topics import TICK_TOPICS, TOPICS
 from tests.support.log.samples import CELL, MS, RESULT, TRIAL, WrittenLog, push_all, random_records
 
 # a trial that is killed: pushes for ever, at ten times the robot's pace, and says what it has pushed
@@ -29,8 +30,8 @@ TRIAL_PROGRAM = """
 import sys, time
 import numpy as np
 from rtstack.log.ring import Rings
-from rtstack.log.writer import LogProcess
-from rtstack.topics import TOPICS
+from rtstack.log.writer import Attachment, LogProcess
+from rtstack.topics import TICK_TOPICS, TOPICS
 rings = Rings.create()
 log = LogProcess.start(sys.argv[1], rings, {"trial": {"seed": "7"}})
 log.wait_ready()
@@ -153,34 +154,89 @@ def test_an_interrupt_is_the_parents_business(tmp_path: Path) -> None:
         assert log.close().messages == 10
 
 
-def test_a_killed_log_process_costs_less_than_half_a_second(tmp_path: Path) -> None:
+def test_a_killed_log_process_costs_nothing_that_the_rings_hold(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    columns = {topic: random_records(topic, 3000) for topic in TOPICS if topic != "/events"}
+    columns = {topic: random_records(topic, 4000) for topic in TOPICS if topic != "/events"}
     with Rings.create() as rings:
-        log = LogProcess.start(path, rings, {"trial": TRIAL})
+        log = LogProcess.start(path, rings, {"trial": TRIAL}, [Attachment("cell.toml", "application/toml", CELL)])
         log.wait_ready()
         # as at the robot's pace, the process reads and never lags by more than 48 ms: all in the robot's time, so
         # that it does not matter how fast this machine is
-        push_all(rings, columns, log, room=CAPACITY - 32)
+        push_all(rings, {topic: records[:3000] for topic, records in columns.items()}, log, room=CAPACITY - 32)
         os.kill(log.pid, signal.SIGKILL)
         assert eventually(lambda: not is_running(log.pid))
-        with pytest.raises(LogError, match=r"killed by signal 9.*rtstack recover"):
+        with pytest.raises(LogError, match=r"rtstack recover .*a.mcap`.*killed by signal 9"):
             log.check()
-        with pytest.raises(LogError, match="killed by signal 9"):
-            log.close(RESULT)
-    with pytest.raises(LogError, match=r"cut off \(no summary\): recover it with `rtstack recover"):
-        read_log(path)
-    summary = recover(path)
-    assert summary.output == tmp_path / "a.recovered.mcap"
-    assert summary.output is not None
-    assert summary.last_t_ns >= 2500 * MS
-    log_read = read_log(summary.output)
-    assert log_read.metadata["trial"] == TRIAL
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(path.read_bytes())
+        for topic, records in columns.items():  # the stop, which no log process reads
+            pusher, record = rings.pusher(topic), records[:1].copy()
+            for k in range(3000, 4000):
+                record[:] = records[k]
+                pusher.push(record)
+        summary = log.close(RESULT)
+    assert 2500 * MS <= recover(cut).last_t_ns < 3000 * MS  # what the program's own death leaves
+    log_read = read_log(path)
+    assert (log_read.metadata["trial"], log_read.metadata["result"]) == (TRIAL, RESULT)
+    assert log_read.metadata["log"]["ended"] == "its process was killed by signal 9"
+    assert summary.messages == int(log_read.metadata["log"]["messages"]) == sum(map(log_read.count, log_read.topics))
+    assert [a.name for a in log_read.attachments] == ["cell.toml"]
     for topic, records in columns.items():
         back = log_read.topic(topic)
-        assert len(back) >= 2500
         for name in records.dtype.names or ():
-            np.testing.assert_array_equal(back[name], records[name][: len(back)], err_msg=f"{topic} {name}")
+            np.testing.assert_array_equal(back[name], records[name], err_msg=f"{topic} {name}")
+    with open(path, "rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+    assert times == sorted(times)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["a.mcap", "cut.mcap", "cut.recovered.mcap"]
+
+
+def test_a_killed_log_has_what_the_rings_hold_and_says_what_is_missing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    columns = {topic: random_records(topic, 4000) for topic in TICK_TOPICS}
+    with Rings.create(capacity=1024) as rings:
+        log = LogProcess.start(path, rings, {"trial": TRIAL})
+        log.wait_ready()
+        push_all(rings, {topic: records[:1000] for topic, records in columns.items()}, log, room=992)
+        os.kill(log.pid, signal.SIGKILL)
+        assert eventually(lambda: not is_running(log.pid))
+        for topic, records in columns.items():
+            pusher, record = rings.pusher(topic), records[:1].copy()
+            for k in range(1000, 4000):
+                record[:] = records[k]
+                pusher.push(record)
+        with pytest.raises(LogError, match=r"lacks 2\.\d+ s: its process was killed by signal 9"):
+            log.close(RESULT)
+    back = read_log(path)
+    assert (back.topic("/left/arm")["t_ns"][-1024:] == columns["/left/arm"]["t_ns"][-1024:]).all()
+    assert back.metadata["result"]["success"] == "false"
+
+
+def test_a_log_whose_folder_is_moved_or_removed_is_not_lost(tmp_path: Path) -> None:
+    columns = {"/left/arm": random_records("/left/arm", 100)}
+    for k, change in enumerate((lambda old, new: old.rename(new), lambda old, new: shutil.rmtree(old))):
+        folder, moved = tmp_path / f"logs{k}", tmp_path / f"moved{k}"
+        folder.mkdir()
+        with Rings.create() as rings:
+            log = LogProcess.start(folder / "a.mcap", rings, {"trial": TRIAL})
+            push_all(rings, columns, log)
+            change(folder, moved)
+            if k:
+                log.close(RESULT)
+            else:
+                with pytest.raises(LogError, match=f"not at {folder}/a.mcap any more.*it is at {moved}/a.mcap"):
+                    log.close(RESULT)
+        assert len(read_log((folder if k else moved) / "a.mcap").topic("/left/arm")) == 100
+
+
+def test_a_log_that_cannot_begin_leaves_no_file(tmp_path: Path) -> None:
+    with Rings.create() as rings:
+        log = LogProcess.start(tmp_path / "a.mcap", rings, {"trial": TRIAL})
+        os.kill(log.pid, signal.SIGKILL)
+        with pytest.raises(LogError, match=r"cannot be written: its process was killed"):
+            log.wait_ready()
+        log.abandon()
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_log_is_finished_when_the_program_dies(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The MCAP file while it is being written: foxglove-sdk behind topics, metadata, attachments; samples in batches."""
 
 import json
+import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, BinaryIO
@@ -20,6 +21,7 @@ from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC, TOPICS
 
 # a killed writer loses at most 0.5 s (contract); the other half is for reading the rings and compressing
 FLUSH_NS = 250_000_000
+logging.getLogger("foxglove_py.mcap").setLevel(logging.CRITICAL)  # of a disk that refuses, OSError says it
 
 
 class _File:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.realtime import ordinary_thread
+from hal.base.shared import remove_block
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writing.job import Evidence, LogJob
@@ -96,6 +97,10 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
                 drain.finish(result, "closed", evidence)
             else:
                 drain.finish({}, "the program died")
+                for name in (job.rings, *(camera.ring for camera in job.cameras)):
+                    remove_block(name)
+            file.flush()
+            os.fsync(file.fileno())
         rings.state = LogState.FINISHED
     except OSError as error:
         rings.fail(error.strerror or str(error))
