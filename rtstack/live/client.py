@@ -3,10 +3,12 @@
 import os
 import socket
 import stat
+import struct
 import tempfile
 import threading
 from pathlib import Path
 
+from hal.base.shared import user_name
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     ControlRequest,
@@ -59,8 +61,31 @@ def _ours(path: Path) -> bool:
 
 def listens(path: Path) -> bool:
     """Whether a robot process listens at a socket."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        return probe.connect_ex(str(path)) == 0
+    try:
+        _connected(path, ANSWER_S).close()
+    except OSError:
+        return False
+    return True
+
+
+def peer_uid(connection: socket.socket) -> int:
+    """Return the user of the process at the other end of a Unix socket, as the kernel has noted it (unix(7))."""
+    _, uid, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
+    return uid
+
+
+def _connected(path: Path, timeout_s: float) -> socket.socket:
+    """Connect to a robot process of this user, or as root to any. Raises OSError."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        connection.settimeout(timeout_s)
+        connection.connect(str(path))
+        if os.geteuid() not in (0, uid := peer_uid(connection)):
+            raise PermissionError(f"{user_name(uid)} listens at {path}")
+    except OSError:
+        connection.close()
+        raise
+    return connection
 
 
 class RobotUnreachable(Exception):
@@ -138,9 +163,7 @@ class RobotClient:
 
     def _exchange(self, line: bytes) -> bytes:
         if self._socket is None:
-            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            self._socket.settimeout(self._timeout_s)
-            self._socket.connect(str(self._path))
+            self._socket = _connected(self._path, self._timeout_s)
         self._socket.sendall(line)
         received = bytearray()
         while not received.endswith(b"\n"):

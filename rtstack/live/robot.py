@@ -7,6 +7,7 @@ when its standard input closes, so that it never outlives its supervisor.
 """
 
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -20,6 +21,7 @@ import numpy as np
 
 from hal.base.configuration import ConfigurationError
 from hal.base.realtime import beside_realtime
+from hal.base.shared import held, remove_left
 from hal.cell import Cell
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.state import ARM_STATE
@@ -246,26 +248,27 @@ def main(arguments: list[str] | None = None) -> int:
     _end_by_signal(job_manager)
     if not asked.alone:
         watch_parent(lambda: job_manager.end(End.PARENT_GONE, "the supervisor has died"))
-    rings = Rings.create()
-    notifier = Notifier()
-    pulse = Pulse(notifier)
-    try:
-        service = Service(job_manager, asked.run / SOCKET_NAME, pulse)
+    with contextlib.ExitStack() as stack:
+        stack.callback(remove_left)  # of a supervisor that was killed
+        stack.callback(audit.close)
+        stack.callback(mailbox.close)
         try:
+            stack.enter_context(held(asked.run))
+            rings = stack.enter_context(Rings.create())
+            notifier = Notifier()
+            stack.callback(notifier.close)
+            pulse = Pulse(notifier)
+            service = Service(job_manager, asked.run / SOCKET_NAME, pulse)
+            stack.callback(withdraw_rings, asked.run)
+            stack.callback(service.close)
             publish_rings(asked.run, rings.name)
-            if not asked.alone:
-                print("ready", flush=True)  # the supervisor waits for this line
-            Robot(source, job_manager, rings, mailbox, asked.logs, pulse).run()
-        finally:
-            service.close()
-    finally:
-        notifier.close()
-        withdraw_rings(asked.run)
-        rings.close()
-        mailbox.close()
-        audit.close()
-        with contextlib.suppress(OSError):  # the supervisor's, but it may have been killed
-            asked.run.rmdir()
+        except (LogError, OSError) as error:
+            print(f"robot process: {error}", file=sys.stderr)
+            return 2
+        if not asked.alone:
+            with contextlib.suppress(BrokenPipeError):  # the supervisor waits for this line, or was killed
+                os.write(sys.stdout.fileno(), b"ready\n")
+        Robot(source, job_manager, rings, mailbox, asked.logs, pulse).run()
     return 0
 
 

@@ -10,9 +10,11 @@ import socketserver
 import threading
 from concurrent.futures import TimeoutError as RecoveryTimeout
 from pathlib import Path
+from typing import Any
 
 from hal.base.realtime import beside_realtime
 from hal.errors import HardwareError
+from rtstack.live.client import peer_uid
 from rtstack.live.job_manager import JobManager
 from rtstack.live.notify import Pulse
 from rtstack.live.protocol import (
@@ -62,6 +64,10 @@ class _Server(socketserver.ThreadingUnixStreamServer):
     daemon_threads = True
     job_manager: JobManager
     pulse: Pulse | None
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Called by serve_forever: only programs of this user, and of root, are served."""
+        return peer_uid(request) in (0, os.geteuid())
 
     def service_actions(self) -> None:
         """Called by serve_forever about once in _WATCH_S, whatever is asked."""

@@ -10,18 +10,17 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from rtstack.live.client import RUN_PREFIX
+from hal.base.shared import private_folder, remove_left
 from rtstack.loop.mailbox import remove_mailbox
 
 LOOPBACK = "127.0.0.1"
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
-_ENDING = (signal.SIGINT, signal.SIGTERM)
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
 
 
@@ -48,18 +47,20 @@ class StackSettings:
 
 
 class _Ended(Exception):
-    """The end was requested: Ctrl-C or SIGTERM."""
+    """The end was requested: Ctrl-C, SIGTERM, or a terminal that was closed."""
 
 
 def run_stack(settings: StackSettings) -> int:
-    """Run the stack until Ctrl-C or SIGTERM. Returns the exit status: 0, 1 when a process died, 2 for bad input.
+    """Run the stack until Ctrl-C, SIGTERM or SIGHUP. Returns the exit status: 1 when a process died, 2 for bad input.
 
-    The program is to end after it: from the end's beginning on, both signals are ignored.
+    The program is to end after it: from the end's beginning on, these signals are ignored.
     """
     for number in _ENDING:
-        signal.signal(number, _raise_ended)
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has set it
+            signal.signal(number, _raise_ended)
     try:
         with ExitStack() as stack:
+            stack.callback(remove_left)  # of a robot process that was killed
             try:
                 _supervise(settings, stack)
             finally:
@@ -67,7 +68,8 @@ def run_stack(settings: StackSettings) -> int:
     except _Ended:
         return 0
     except StackError as error:
-        print(f"rtstack: {error}", file=sys.stderr, flush=True)
+        with suppress(OSError):  # the terminal was closed
+            print(f"rtstack: {error}", file=sys.stderr, flush=True)
         return error.status
     return 0
 
@@ -84,7 +86,7 @@ def _ignore_signals() -> None:
 
 def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     listener = stack.enter_context(listen(settings.port, settings.host))
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=RUN_PREFIX)))
+    folder = stack.enter_context(private_folder("run"))
     name = f"rtstack-{os.getpid()}"
     stack.callback(remove_mailbox, f"{name}-mailbox")
     shared = [
@@ -131,6 +133,7 @@ class _Child:
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            bufsize=0,  # nothing is left to be written when a pipe is closed
             start_new_session=True,
             pass_fds=inherited,
         )
@@ -150,9 +153,8 @@ class _Child:
     def say(self, line: str) -> None:
         """Write a line to the child's standard input, if it still lives."""
         assert self._process.stdin is not None
-        with suppress(BrokenPipeError):
+        with suppress(OSError):
             self._process.stdin.write(f"{line}\n".encode())
-            self._process.stdin.flush()
 
     @property
     def ended(self) -> bool:

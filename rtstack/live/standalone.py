@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from hal.base.shared import refuse_foreign
 from rtstack.live.client import SOCKET_NAME, listens
 from rtstack.log.errors import LogError
 from rtstack.loop.mailbox import remove_mailbox
@@ -29,6 +30,7 @@ def claim(folder: Path, name: str) -> None:
     Raises LogError where one runs there, OSError where the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    refuse_foreign(folder)
     path = folder / SOCKET_NAME
     if listens(path):
         raise LogError(f"{folder}: a robot process is running there; end it, or choose another folder with --run")
@@ -49,6 +51,7 @@ def withdraw_rings(folder: Path) -> None:
 def find_rings(folder: Path) -> str:
     """Return the name of the live rings. Raises LogError where no robot process runs."""
     try:
+        refuse_foreign(folder)
         return (folder / _RINGS).read_text()
     except OSError as error:
         raise LogError(f"{folder}: no robot process runs there ({error.strerror}): start `rtstack robot`") from None
