@@ -5,10 +5,8 @@ An object store takes a file as a whole, and a folder gets it under its name onc
 
 import atexit
 import contextlib
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +15,7 @@ from typing import Any
 from fsspec.core import url_to_fs
 
 from hal.base.files import replacing
+from hal.base.shared import private_folder
 from rtstack.trials.errors import TrialError
 
 S3 = "s3://"
@@ -111,6 +110,6 @@ def _files(place: str) -> tuple[Any, str]:
 @lru_cache(maxsize=4)
 def _scratch(place: str) -> Path:
     """A folder of this process for what is on its way to or from `place`."""
-    folder = tempfile.mkdtemp(prefix="rtstack-campaign-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
+    ending = ExitStack()
+    atexit.register(ending.close)
+    return ending.enter_context(private_folder("archive"))

@@ -11,7 +11,9 @@ from typing import Any
 
 import dask.config
 from distributed import Client, Future, LocalCluster
+from distributed.security import Security
 
+from hal.base.shared import private_folder
 from rtstack.experiments.admission import Admission
 from rtstack.trials.errors import TrialError
 
@@ -25,6 +27,9 @@ _SETTINGS = {
     "distributed.scheduler.allowed-failures": 3,
     "distributed.comm.timeouts.connect": f"{CONNECT_S}s",
     "distributed.admin.log-format": "%(message)s",
+    # HTTP has no TLS, and no answer that a campaign needs
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
     # a worker computes: to look at its stack a hundred times a second, and to give its memory back after each trial,
     # costs a tenth of its time
     "distributed.worker.profile.enabled": False,
@@ -38,17 +43,24 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 def local_workers(workers: int) -> Iterator[Client]:
     """Give so many worker processes of one thread each, heard on the loopback address only, with no dashboard.
 
-    They end with this process, however it ends. Ctrl-C reaches this process alone: its main thread lets go of work in
-    order, and whatever it has started, or starts again, keeps the signals blocked.
+    A scheduler runs what it is sent. Its clients and workers prove by TLS that they have the key of this campaign,
+    which is in the memory of its processes alone. They end with this process, however it ends. Ctrl-C reaches this
+    process alone: its main thread lets go of work in order, and whatever it has started, or starts again, keeps the
+    signals blocked.
     """
     # workers that are ended in a trial leave its memory to Python's resource tracker: no need to warn of that
     os.environ["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"
-    with dask.config.set(_SETTINGS), _quiet():
+    with (
+        private_folder("campaign") as folder,
+        dask.config.set(_SETTINGS | {"temporary-directory": str(folder)}),
+        _quiet(),
+    ):
         resource_tracker.ensure_running()  # its first start would unblock the signals in the thread that needs it
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
         try:
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, host=LOOPBACK, silence_logs=logging.CRITICAL,
+                protocol="tls://", security=Security.temporary(),
                 # the scheduler's HTTP server cannot be left out: let it be out of the way, with no dashboard
                 scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
             )  # fmt: skip
