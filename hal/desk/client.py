@@ -10,7 +10,6 @@ is said. From then on a connection to another certificate is refused, before use
 """
 
 import hashlib
-import os
 import ssl
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 import httpx
 
 from hal.base.files import write_whole
+from hal.base.shared import user_folder
 from hal.desk.state import DeskState, owner_of, state_of
 from hal.errors import HardwareError
 
@@ -43,9 +43,8 @@ class Trust:
     """The certificates that a user has seen: one PEM file a box, in the folder of the user's configuration."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """folder: by default $XDG_CONFIG_HOME/rtstack/desk, or that of ~/.config."""
-        base = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
-        self.folder = folder or Path(base).expanduser() / "rtstack" / "desk"
+        """folder: by default $XDG_CONFIG_HOME/rtstack/desk, or that of ~/.config. Raises ConfigurationError."""
+        self.folder = folder or user_folder("XDG_CONFIG_HOME", ".config") / "desk"
 
     def file(self, address: str) -> Path:
         """Return where the certificate of the box at HOST[:PORT] is kept."""

@@ -20,6 +20,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hal.base.configuration import ConfigurationError
 from hal.base.files import write_whole
+from hal.base.shared import user_folder, user_name
 from hal.desk.client import fingerprint
 
 AUTHORITY_DAYS, CERTIFICATE_DAYS = 3650, 30  # the second one is made anew at each start
@@ -110,7 +111,7 @@ class Authority:
 
     def _make(self) -> None:
         key = ec.generate_private_key(ec.SECP256R1())
-        name = _name(f"rtstack authority of {os.environ.get('USER', 'this user')} on {os.uname().nodename}")
+        name = _name(f"rtstack authority of {user_name()} on {os.uname().nodename}")
         permitted = [x509.IPAddress(ip_network(network)) for network in _PRIVATE] + [x509.DNSName("localhost")]
         certificate = (
             _begun(name, name, key.public_key(), AUTHORITY_DAYS)
@@ -132,7 +133,7 @@ class Authority:
 
 
 def _folder() -> Path:
-    return Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config").expanduser() / "rtstack" / "https"
+    return user_folder("XDG_CONFIG_HOME", ".config") / "https"
 
 
 def _begun(subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, days: int) -> x509.CertificateBuilder:

@@ -1,5 +1,6 @@
 """The command line's parser: a table of commands, each loaded from its module when it is invoked."""
 
+import errno
 import os
 import sys
 from importlib import import_module
@@ -55,6 +56,10 @@ COMMANDS = {
     "token": ("token", "Let programs use the console (bearer tokens), and a browser back in (sign-in)."),
     "logs": ("log_folder", "List, compare and prune the logs of a folder."),
 }
+
+
+# of a disk or folder that does not take a file; what else a system call refuses is a defect of this program
+_HOST = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT)
 
 
 class LazyGroup(TyperGroup):
@@ -141,6 +146,10 @@ def _explain(error: Exception) -> int:
         return _say(problem(error), BAD_INPUT)
     if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError | ExtensionError):
         return _say(str(error), BAD_INPUT)
+    if isinstance(error, OSError) and error.errno in _HOST:
+        return _say(
+            f"{error.filename or 'a file'}: {error.strerror}: make room there, or choose another place", BAD_INPUT
+        )
     if os.environ.get("RTSTACK_TRACEBACK"):
         raise error
     return _say(

@@ -1,6 +1,5 @@
 """`rtstack logs`: what there is, what is reviewed, and what may go."""
 
-import getpass
 import time
 from dataclasses import asdict
 from json import dumps
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hal.base.shared import user_name
 from rtstack.cli.exit_status import fail
 from rtstack.cli.options import Json, LogFolder
 from rtstack.cli.tables import print_table
@@ -104,7 +104,7 @@ def logs_compare(
 def logs_reviewed(logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...")]) -> None:
     """Mark logs as reviewed: only these ever go."""
     for log in logs:
-        mark_reviewed(log, getpass.getuser())
+        mark_reviewed(log, user_name())
         typer.echo(f"{log}: reviewed, it may go when its time has come")
 
 

@@ -1,6 +1,5 @@
 """`rtstack token`: bearer tokens of programs, made and revoked beside the logs; a running console sees it at once."""
 
-import getpass
 import secrets
 import time
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from hal.base.shared import user_name
 from rtstack.access.tokens import Scope, Tokens, TokensError
 from rtstack.cli.options import LogFolder
 from rtstack.cli.tables import print_table
@@ -106,9 +106,6 @@ def _note(logs: Path, text: str) -> None:
         audit = AuditTrail(logs / FILE_NAME)
     except OSError as error:
         raise TrialError(f"done, but the audit trail {logs / FILE_NAME} cannot be written: {error.strerror}") from None
-    try:
-        user = f"{getpass.getuser()}, terminal"
-    except (OSError, KeyError):  # a user without a name
-        user = "unknown user, terminal"
+    user = f"{user_name()}, terminal"
     audit.note("token", user, f"{user} {text}")
     audit.close()

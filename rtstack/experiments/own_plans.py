@@ -1,22 +1,25 @@
 """Plans of the user's own: TOML files in a folder of theirs, found by name like those of the package."""
 
-import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from hal.base.configuration import ConfigurationError
 from hal.base.files import PARTIAL, replacing
+from hal.base.shared import user_folder
 
 
 def plan_folder() -> Path:
-    """Return the folder of the user's own plans, a NAME.toml each."""
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "rtstack" / "campaigns"
+    """Return the folder of the user's own plans, a NAME.toml each. Raises ConfigurationError."""
+    return user_folder("XDG_CONFIG_HOME", ".config") / "campaigns"
 
 
 def own_plans() -> dict[str, Path]:
-    """Return the user's own plans by name; what they are worth is said when they are read."""
-    return {path.stem: path for path in sorted(plan_folder().glob("*.toml"))}
+    """Return the user's own plans by name, none without a home; they are checked when they are read."""
+    with suppress(ConfigurationError):
+        return {path.stem: path for path in sorted(plan_folder().glob("*.toml"))}
+    return {}
 
 
 def keep_plan(name: str, text: str, read: Callable[[Path], Any]) -> Path:

@@ -5,15 +5,16 @@ A plan has a tuning of its own, which is in its file: what runs of it deviate fr
 felt in a demonstration.
 """
 
-import os
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, ConfigurationError, from_document, load_toml
+from hal.base.shared import user_folder
 from rtstack.log.reader import read_log
 from rtstack.monitor.pair import PairParameters
 from rtstack.references.planned import MONITOR
@@ -51,15 +52,17 @@ def tuning_in(plan: Path) -> Tuning | None:
 
 
 def tuning_folder() -> Path:
-    """Return the folder of the user's own tunings, an OBJECT.toml each."""
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "rtstack" / "monitor"
+    """Return the folder of the user's own tunings, an OBJECT.toml each. Raises ConfigurationError."""
+    return user_folder("XDG_CONFIG_HOME", ".config") / "monitor"
 
 
 def tuning_file(object_name: str) -> Path | None:
     """Return the file of an object's tuning, the user's before the installed one; None where there is none."""
     with as_file(files("deploy.monitor") / f"{object_name}.toml") as installed:
-        own = tuning_folder() / f"{object_name}.toml"
-        return next((path for path in (own, installed) if path.is_file()), None)
+        found = [installed]
+        with suppress(ConfigurationError):  # without a home
+            found.insert(0, tuning_folder() / f"{object_name}.toml")
+        return next((path for path in found if path.is_file()), None)
 
 
 def tuning_of(object_name: str) -> Tuning | None:
