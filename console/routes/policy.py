@@ -23,7 +23,8 @@ from console.routes.problems import problems
 from console.routes.sockets import SIGNED_OUT
 from console.teleoperation.teleop_view import TeleopView
 from rtstack.cameras.newest import NewestPictures
-from rtstack.live.protocol import Operator
+from rtstack.live.client import RobotRefused, RobotUnreachable
+from rtstack.live.protocol import NoteRequest, Operator
 from rtstack.loop.mailbox import CHUNK_POSES
 from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat, problem
 from rtstack.model.arm_model import ArmModel
@@ -90,9 +91,9 @@ class PolicyInput:
             answer = _ANSWERS.validate_json(text)
         except ValidationError as error:
             return problem(error, "answer")
-        if answer.finished:
+        if answer.finished or answer.failed:
             self._teleop.end_lease(self._name)
-            return None
+            return answer.failed or None
         lease, shown = self._lease, self._shown
         if shown is None or answer.to != shown.number:
             return f"it answers observation {answer.to}, and the newest is {self._number}"
@@ -135,6 +136,7 @@ class PolicyAnswer:
     poses: _Steps | None = None
     joints: _Steps | None = None
     finished: StrictBool = False
+    failed: Annotated[str, Field(max_length=400)] = ""  # the policy ends so, in its own words
 
     def chunk(self) -> Chunk:
         """Return it as a policy in this process would give it."""
@@ -143,6 +145,13 @@ class PolicyAnswer:
 
 
 _ANSWERS = TypeAdapter(PolicyAnswer)
+
+
+async def _note(parts: Parts, policy: str, text: str) -> None:
+    """Show what is wrong with a policy: on the pages, in the log, and in the audit trail."""
+    parts.teleop.policies.refused = f"{policy}: {text}"
+    with suppress(RobotRefused, RobotUnreachable):
+        await asyncio.to_thread(parts.client.request, NoteRequest(policy, text))
 
 
 @router.post("/lease")
@@ -162,7 +171,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         return
     name = session.operator
     policy = PolicyInput(name, parts)
-    refused: str | None = None
+    refused = noted = None
     parts.teleop.policies.connected(name)
     try:
         while (session := session_now(websocket)) is not None and session.operator == name:
@@ -177,6 +186,9 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
             shown = msgspec.to_builtins(observation, enc_hook=np.ndarray.tolist)  # bytes become base64
             await websocket.send_json({"observation": shown, "refused": refused})
             refused = policy.take(await websocket.receive_text())
+            if refused not in (None, noted):
+                noted = " ".join(refused.split())
+                await _note(parts, name, f"the policy's answer is not followed: {noted}")
             await asyncio.sleep(max(0.0, 1.0 / rate_hz - (time.monotonic() - began_s)))
     except (WebSocketDisconnect, RuntimeError):
         pass  # the policy has gone

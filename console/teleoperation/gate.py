@@ -58,8 +58,8 @@ class Admission:
 
 @dataclass(slots=True)
 class _Sender:
-    """The newest command's number and its time, ns, and the limits of console's time minus sender's, ns, of the last generation and this
-    one.
+    """The newest command's number and its time, and the limits of console's time minus sender's, of the last generation
+    and this one; ns.
     """
 
     began_ns: int

@@ -4,10 +4,12 @@ from collections import Counter
 
 
 class Policies:
-    """leads: the name of the policy that has the lease, None for none. Not for two threads at a time."""
+    """leads: the name of the policy that has the lease, None for none. refused: why its newest answer is not followed,
+    or why it has ended. Not for two threads at a time."""
 
     def __init__(self) -> None:
         self.leads: str | None = None
+        self.refused: str | None = None
         self._given = 0  # leases since the console began
         self._connected = Counter[str]()  # how many connections each policy has
 
@@ -23,5 +25,6 @@ class Policies:
     def give(self, policy: str | None) -> int:
         """Give a policy the lease, None for none; return its number, 0 for none."""
         self.leads = policy
+        self.refused = None if policy is not None else self.refused
         self._given += policy is not None
         return 0 if policy is None else self._given

@@ -71,9 +71,9 @@ class TeleopInput:
             self._notice()
             return TeleopView(
                 self._by is not None, self._coupling, self._speed, self._stiffness,
-                self._dropped or self._late or self._refusal, self._handles, len(self._grips.drags),
-                tuple(self._gate.dropped), self._latency.view(), self._watch.view.number,
-                self.policies.leads, self.policies.names,
+                self._dropped or self._late or self._refusal or self.policies.refused,
+                self._handles, len(self._grips.drags), tuple(self._gate.dropped), self._latency.view(),
+                self._watch.view.number, self.policies.leads, self.policies.names,
             )  # fmt: skip
 
     @property
@@ -375,7 +375,7 @@ class TeleopInput:
         number = getattr(self._job(), "number", None)
         if number != self._of_job:  # what was dragged before is another teleoperation's
             self._of_job = number
-            self._refusal = self._late = self._dropped = self.policies.leads = None
+            self._refusal = self._late = self._dropped = self.policies.leads = self.policies.refused = None
             self._grips.drags.clear()
             self._gate.forget()
             self._latency.forget()

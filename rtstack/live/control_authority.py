@@ -129,6 +129,11 @@ class ControlAuthority:
             self._arming.disarm()
             self._note("stop", operator, f"{operator} pressed STOP", Level.WARNING)
 
+    def note(self, operator: str, text: str) -> None:
+        """Note what happened to an operator's motion."""
+        with self._acting():
+            self._note("note", operator, f"{operator}: {text}", Level.WARNING)
+
     def begin(self, operator: str, what: str, by_hand: bool = False) -> None:
         """Begin a motion of the operator's; `what`: for the record. by_hand: a person's hand leads the arms."""
         with self._acting() as now_s:

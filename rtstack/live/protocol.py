@@ -145,7 +145,16 @@ class ControlRequest:
     verb: Literal["release", "beat", "arm", "disarm", "stop", "recover"]
 
 
-Request = StatusRequest | RunRequest | TakeRequest | ControlRequest
+@checked(frozen=True, slots=True, config=MESSAGE)
+class NoteRequest:
+    """Say something in the log of what runs, and in the audit trail."""
+
+    operator: Operator
+    text: Annotated[str, Field(max_length=500, pattern=r"^\P{C}+$")]
+    verb: Literal["note"] = "note"
+
+
+Request = StatusRequest | RunRequest | TakeRequest | ControlRequest | NoteRequest
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)

@@ -21,6 +21,7 @@ from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     Answer,
     ControlRequest,
+    NoteRequest,
     ProtocolError,
     Request,
     StatusRequest,
@@ -102,6 +103,8 @@ def _act(job_manager: JobManager, request: Request) -> None:
             pass  # it is what every answer carries
         case TakeRequest():
             job_manager.authority.take(request.operator, request.over_from)
+        case NoteRequest():
+            job_manager.authority.note(request.operator, request.text)
         case ControlRequest(verb="recover"):
             job_manager.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
         case ControlRequest():

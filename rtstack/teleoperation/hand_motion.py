@@ -4,7 +4,8 @@ Trackers lose a hand and find it elsewhere while they report it as tracked: 77.7
 that lay still (3.9 m/s) [1], 730 mm in one frame [2]. A motion is refused where no pair of samples within WINDOW_S can
 be of a hand: for a way x in the time t and the velocity v before it
 
-    |x| <= max(STEP_M_S min(t, STEP_S), SPEED_M_S t) + NOISE_M,   |x - v t| <= ACCELERATION_M_S2 t (t + t_v) / 2 + NOISE_M (1 + t / t_v)
+    |x| <= max(STEP_M_S min(t, STEP_S), SPEED_M_S t) + NOISE_M
+    |x - v t| <= ACCELERATION_M_S2 t (t + t_v) / 2 + NOISE_M (1 + t / t_v)
 
 where v is the mean over the time t_v to the sample before. One v of those that the window has may satisfy the second
 line: a device that is read as often as it measures now and then gives the same pose twice.
@@ -81,7 +82,7 @@ class HandMotion:
         gap_s = self._now_s - samples[-1][0] if samples else 0.0
         if gap_s > lost_s:
             return f"the {name} was not seen for {gap_s:.2f} s"
-        if PAUSE_S < gap_s and lost_s < math.inf:
+        if gap_s > PAUSE_S and lost_s < math.inf:
             self.paused = f"the {name} was not seen for {gap_s:.2f} s: it leads from where it is now"
             samples.clear()
         while len(samples) > 1 and samples[0][0] < self._now_s - WINDOW_S:

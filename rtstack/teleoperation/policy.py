@@ -3,6 +3,7 @@
 A policy acts under a lease of its own, which the operator who has control gives and whose clutch takes it back.
 """
 
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
@@ -107,6 +108,12 @@ class Policy(Protocol):
 
 # each a callable (argument: str) -> Policy; argument: what stands behind NAME: on the command line, "" for nothing
 POLICIES = ExtensionPoint[Callable[[str], Policy]]("rtstack.policies", "policy", cast(Any, Callable), ours=False)
+
+
+def own_words(error: Exception) -> str:
+    """Return in one line what the code of another author raised, and where."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{' '.join(f'{type(error).__name__}: {error}'.split())[:300]} ({at.filename}:{at.lineno})"
 
 
 def pad_pose(model: ArmModel, q: Array) -> Array:

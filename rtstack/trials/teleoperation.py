@@ -31,7 +31,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Level
-from rtstack.teleoperation.policy import Chunk, Observation, Policy
+from rtstack.teleoperation.policy import Chunk, Observation, Policy, own_words
 from rtstack.teleoperation.reach import FASTEST_M_S, STIFFNESS_N_M, Reach
 from rtstack.teleoperation.source import TeleoperationSource
 from rtstack.trials.assembly import cell_parameters
@@ -70,6 +70,7 @@ class PolicyHost:
         self._number = 0
         self._began_ns: int | None = None
         self._dead = False
+        self.problem = ""  # why its newest answer is none
         self._said: set[str] = set()
 
     def clock(self) -> int:
@@ -108,8 +109,9 @@ class PolicyHost:
             answer = self._policy.act(observation)
         except Exception as error:  # whatever the code of another author raises
             self._dead = True
-            self._tell(Level.ERROR, f"the policy has ended: {type(error).__name__}: {error}")
+            self._tell(Level.ERROR, f"the policy has ended: {own_words(error)}")
             return
+        self.problem = ""
         if answer is None:
             return
         if answer.finished:
@@ -154,6 +156,7 @@ class PolicyHost:
         self._mailbox.write_target(self._target)
 
     def _tell(self, level: Level, text: str) -> None:
+        self.problem = text
         if text not in self._said:  # each once: a policy may say the same for a minute
             self._said.add(text)
             self._say(RunEvent(level, "operator", text))
@@ -216,7 +219,8 @@ def run_teleoperation(
         outcome = run.follow(cell)
         cut_off = specification.recorded and source.lost  # the operator did not end this recording
         end = End.COMPLETED if outcome.end in _AS_WANTED and not cut_off else outcome.end
-        reason = failure_reason(end, outcome.detail, outcome.safety_interventions)
+        detail = host.problem if host is not None and host.problem and end is End.POLICY_QUIET else outcome.detail
+        reason = failure_reason(end, detail, outcome.safety_interventions)
         result = like(
             TeleoperationResult, specification, outcome, success=reason is None, failure_reason=reason,
             moved=source.moved, cell=cell.name, detected_impact_time_s=run.first_impact_s,

@@ -100,6 +100,18 @@ def test_a_policy_with_a_lease_is_shown_the_arms_and_its_answer_reaches_the_loop
         assert target(served)["clutch_ns"] == 0
 
 
+def test_a_policy_that_ends_says_why_in_its_own_words_on_the_page_and_in_the_audit_trail(running):
+    served, client, headers, token = running
+    words = "ValueError: no such object (/lab/policy.py:12)"
+    with policy(served, token) as (take, send):
+        assert lend(client, headers).status_code == 200
+        send(to=take("observation")["observation"]["number"], failed=words)
+        assert "no lease" in take("waiting")["waiting"]
+    assert words in served.parts.teleop.view.refusal
+    wait_for(lambda: words in (served.logs / "audit.jsonl").read_text())
+    assert lend(client, headers).json()["refusal"] is None
+
+
 def test_a_policy_is_shown_nothing_before_the_run_has_a_sample(running):
     """What the arms said while nothing ran is of another time, and nothing was asked of them."""
     served, client, headers, token = running
