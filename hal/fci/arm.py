@@ -2,9 +2,11 @@
 
 import contextlib
 import os
+import select
 import socket
 import struct
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -13,21 +15,25 @@ import pylibfranka as franka
 from hal.base.arrays import Array
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci import recovery
+from hal.fci.call_limit import CALL, CALL_S, CallLimit
 from hal.fci.cycle_times import CycleTimes
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
-from hal.fci.peeked_state import PeekedState, stamp_arrivals
+from hal.fci.peeked_state import JUMPED, LAST, MOST_MS, PeekedState, stamp_arrivals
 from hal.fci.setup import configure, tell_collisions
-from hal.fci.sockets import give_up_after, numeric, open_sockets, shut_down
+from hal.fci.sockets import give_up_after, numeric, open_sockets, receive_from, shut_down
 from hal.limits import CollisionBehaviour
 from hal.pad import Pad
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
+from hal.wire import ROBOT_STATE
 
 # ARM_STATE as one C struct: filling it in one go costs a fifth of filling it field by field
 _RECORD = struct.Struct("=q56d16d6dd2q")
 assert _RECORD.size == ARM_STATE.itemsize
 REQUEST_PATIENCE_S = 3.0  # a robot acknowledges at once; a machine under load may take a second
 _LATER_STATES = 2000  # after a stop, until one shows the end of the motion: a box whose states stand still for 2 s
+_SENDER_S = 0.1  # until a state shows where the box sends from
+_SILENT_S = 1.0  # libfranka's own patience for a state
 _KINDS = (socket.SOCK_DGRAM, socket.SOCK_STREAM)
 
 
@@ -65,17 +71,22 @@ class FciArm:
         self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
         self._setup = (tool, collisions or CollisionBehaviour())
         self.hold_bounds = self._setup[1].hold_bounds
-        self._connect()
+        self._reads, self._waits = 0, False  # a state waits that was looked at, and follows the last one
+        self._requests, self._limit = -1, CallLimit(numeric(address))
         try:
+            self._connect()
             if not self.reflex():
                 self._configure()
         except BaseException:
-            shut_down(self._requests)  # the traceback may keep the vendor's object alive, and its robot has one client
+            self._limit.close()
+            if self._requests >= 0:  # the traceback may keep the vendor's object alive, and its robot has one client
+                shut_down(self._requests)
             raise
 
     def _connect(self) -> None:
         before, peer = [open_sockets(kind) for kind in _KINDS], numeric(self.address)
-        with vendor_errors(self.called), _own_schedule():
+        self._limit.forget()
+        with self._call():
             self._robot = franka.Robot(self.address, self._config)
         new = [open_sockets(kind, peer) - known for kind, known in zip(_KINDS, before, strict=True)]
         if [len(found) for found in new] != [1, 1]:
@@ -84,10 +95,27 @@ class FciArm:
         (self.socket, _), (self._requests, _) = (found.pop() for found in new)
         give_up_after(self._requests, REQUEST_PATIENCE_S)
         stamp_arrivals(self.socket)
+        receive_from(self.socket, peer, ROBOT_STATE.itemsize, _SENDER_S)
+        if self.peeked is not None:
+            self.peeked.words[LAST] = -1
         self.reconnected()
 
+    @contextlib.contextmanager
+    def _call(self) -> Iterator[None]:
+        """Return the context of a call to libfranka outside of the loop: it ends, and raises hal's errors."""
+        with vendor_errors(self.called, self._explained), _own_schedule(), self._limit.within():
+            yield
+
+    def _explained(self, error: Exception, called: str) -> HardwareError:
+        if not self._limit.fired:
+            return as_hardware_error(error, called)
+        self._lost = True
+        return ConnectionLost(
+            f"{called} does not answer: no end of a call within {CALL_S:g} s; check power, cable and FCI mode in Desk"
+        )
+
     def _configure(self) -> None:
-        with vendor_errors(self.called), _own_schedule():
+        with self._call():
             configure(self._open_robot(), *self._setup, self.called)
 
     def set_collisions(self, collisions: CollisionBehaviour) -> None:
@@ -100,7 +128,7 @@ class FciArm:
         if collisions == before:
             return
         if not self.reflex():
-            with vendor_errors(self.called), _own_schedule():
+            with self._call():
                 tell_collisions(self._open_robot(), collisions)
 
     def reflex(self) -> tuple[str, ...]:
@@ -111,7 +139,7 @@ class FciArm:
         return _latched(self._read_idle())
 
     def _read_idle(self) -> franka.RobotState:
-        with vendor_errors(self.called):
+        with self._call():
             return self._open_robot().read_once()
 
     @property
@@ -131,7 +159,8 @@ class FciArm:
         """
         if self._control is None:
             robot = self._open_robot()
-            with vendor_errors(self.called), _own_schedule():
+            self._waits = False
+            with self._call():
                 self._control = robot.start_torque_control()
             self._torques.tau_J = [0.0] * 7
             self.let_go = ""
@@ -140,6 +169,22 @@ class FciArm:
     def t_ns(self) -> int:
         """Robot's time of the state that was read last, ns."""
         return self.state.t_ns
+
+    def arrived(self) -> bool:
+        """Return whether `read` returns at once, where there is a descriptor to read from. What does not follow the
+        last state is dropped."""
+        self._waits = self.peeked is None or bool(self.peeked.look(self.socket))
+        return self._waits
+
+    def _await(self) -> None:
+        """Wait until `arrived`. Raises ConnectionLost."""
+        poll, due_s = select.poll(), time.monotonic() + _SILENT_S
+        poll.register(self.socket, select.POLLIN)
+        while not self.arrived():
+            left_s = due_s - time.monotonic()
+            if left_s <= 0.0:
+                raise self.lose(f"has sent no state for {_SILENT_S:g} s")
+            poll.poll(1e3 * left_s)
 
     def read(self) -> ArmState:
         """Block until the next state. See hal.arm.Arm.
@@ -150,20 +195,27 @@ class FciArm:
         if self.unread:
             self.unread = False
             return self.state
-        peeked = self.peeked
-        if peeked is not None:
-            peeked.look(self.socket)
+        peeked, calls = self.peeked, self._limit.words
+        if peeked is not None and not self._waits:
+            self._await()
+        self._waits = False
+        self._reads += 1
+        calls[CALL] = self._reads
         try:
             # no local name for the control: the traceback of an error would keep it, and the robot busy, alive
             state = robot.read_once() if self._control is None else self._control.readOnce()[0]
         except VENDOR as error:
             raise self._fault(error) from None
+        finally:
+            calls[CALL] = 0
         number = round(1e3 * state.time.to_sec())
         mode = -1
         if peeked is not None:
             if self.cycles is not None:
                 self.cycles.read()
-            mode = peeked.take(number)
+            mode = peeked.take(min(number, MOST_MS))
+        if mode == JUMPED or number >= MOST_MS:
+            raise self.lose(f"has sent a state with number {number}, which is not its next one")
         if mode < 0:
             mode = int(state.robot_mode)
             self._take(state, number, mode)
@@ -200,13 +252,17 @@ class FciArm:
 
     def stop(self) -> None:
         """End torque control: the robot brakes and holds. A reflex stays latched."""
-        self.unread = False
+        self.unread = self._waits = False
         if self._robot is None or self._control is None:
             return
+        with self._limit.within():
+            self._stop(self._robot)
+
+    def _stop(self, robot: franka.Robot) -> None:
         alive = not self._lost
         try:
             if alive:
-                self._robot.stop()
+                robot.stop()
         except VENDOR as error:
             alive = not isinstance(error, franka.NetworkException)
         # without it libfranka asks for a stop once more; where the box refuses that, it takes the motion to go on until
@@ -214,7 +270,7 @@ class FciArm:
         self._control = None
         with contextlib.suppress(*VENDOR):
             for _ in range(_LATER_STATES * alive):
-                if int(self._robot.read_once().robot_mode) != RobotMode.MOVE:
+                if int(robot.read_once().robot_mode) != RobotMode.MOVE:
                     break
 
     def recover(self) -> None:
@@ -261,12 +317,14 @@ class FciArm:
         """Stop and disconnect."""
         self.stop()
         self._robot = None
+        self._limit.close()
 
     def lose(self, why: str) -> ConnectionLost:
         """Give the arm up, and return what to raise. libfranka would wait for ever for its answer to a stop."""
         shut_down(self._requests)
         self._lost = True
-        return ConnectionLost(f"{self.called} {why}; check power, cable and network, then open it again")
+        strange = "" if self.peeked is None else self.peeked.strange
+        return ConnectionLost(f"{self.called} {why}{strange}; check power, cable and network, then open it again")
 
     def _open_robot(self) -> franka.Robot:
         if self._robot is None:
@@ -278,8 +336,9 @@ class FciArm:
     def _fault(self, error: Exception) -> HardwareError:
         """Leave torque control, as the robot has, and return what to raise."""
         self._lost = isinstance(error, franka.NetworkException)
-        self._control = None
-        return as_hardware_error(error, self.called + self.let_go)
+        with self._limit.within():
+            self._control = None
+        return self._explained(error, self.called + self.let_go)
 
 
 def _latched(state: franka.RobotState) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ own, before. Layout: libfranka-common, research_interface/robot/service_types.h.
 """
 
 import socket
-import struct
+import time
 import xml.etree.ElementTree as xml
 
 import numpy as np
@@ -15,12 +15,18 @@ from hal.errors import ConnectionLost, HardwareError
 from hal.limits import DOF, OwnLimits
 from hal.wire import CONNECT, HEADER, PORT, VERSION
 
-PATIENCE_S = 3.0
+PATIENCE_S = 3.0  # for all answers together
+_MOST_BYTES = 1 << 20  # an FR3's model has some 20,000
 _CONNECT_COMMAND, _MODEL_COMMAND = 0, 11
+_SUCCESS = 0
 
 
 def ask_for_urdf(address: str) -> str:
-    """Return the URDF of the robot at an address, which no client is connected to. Raises ConnectionLost."""
+    """Return the URDF of the robot at an address, which no client is connected to.
+
+    Raises ConnectionLost where it does not answer as a robot does, HardwareError where it refuses.
+    """
+    due_s = time.monotonic() + PATIENCE_S
     try:
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as states,
@@ -31,18 +37,24 @@ def ask_for_urdf(address: str) -> str:
             answer = b""
             for command, asked in ((_CONNECT_COMMAND, body), (_MODEL_COMMAND, b"")):
                 arm.sendall(HEADER.pack(command, command + 1, HEADER.size + len(asked)) + asked)
-                size = HEADER.unpack(_receive(arm, HEADER.size))[2]
-                answer = _receive(arm, size - HEADER.size)
-    except (OSError, struct.error) as error:
+                *echo, size = HEADER.unpack(_receive(arm, HEADER.size, due_s))
+                if echo != [command, command + 1] or not HEADER.size < size < _MOST_BYTES:
+                    raise ConnectionError("what answers there is no robot")
+                answer = _receive(arm, size - HEADER.size, due_s)
+                if answer[0] != _SUCCESS:
+                    raise HardwareError(f"the arm at {address} does not send its model (status {answer[0]})")
+    except OSError as error:
+        reason = f"nothing within {PATIENCE_S:g} s" if isinstance(error, TimeoutError) else error.strerror or error
         raise ConnectionLost(
-            f"the arm at {address} does not answer with its model: {error}; check power, cable and FCI mode in Desk"
+            f"the arm at {address} does not answer: {reason}; check power, cable and FCI mode in Desk"
         ) from None
     return answer[1:].rstrip(b"\0").decode(errors="replace")
 
 
-def _receive(arm: socket.socket, size: int) -> bytes:
+def _receive(arm: socket.socket, size: int, due_s: float) -> bytes:
     data = b""
     while len(data) < size:
+        arm.settimeout(max(1e-3, due_s - time.monotonic()))
         chunk = arm.recv(size - len(data))
         if not chunk:
             raise ConnectionResetError("it hung up")

@@ -203,12 +203,22 @@ class FciPair:
         began_ns = time.monotonic_ns()
         for cycles in self.cycles or ():
             cycles.free_ns = began_ns
+        mask = 0
+        while not mask:
+            mask = self._wait(watch, began_ns)
+            began_ns = time.monotonic_ns()
+        return mask
+
+    def _wait(self, watch: StateWatch, began_ns: int) -> int:
+        """Return whose states have arrived, 0 where only other datagrams have. Raises as `wait` does."""
         # a second look: where this process itself was held up, the states are there by now
         ready = watch.wait(self._stale_s) or watch.wait(LONGEST_WAIT_S)
         waited_s = min(1e-9 * (time.monotonic_ns() - began_ns), LONGEST_WAIT_S) if ready else self._stale_s
         mask = 0
         for descriptor in ready:
-            mask |= self._sides[descriptor]
+            side = self._sides[descriptor]
+            if self.arms[side].arrived():
+                mask |= side
         for side, silent_s in self._silent_s.items():
             self._silent_s[side] = 0.0 if mask & side else silent_s + waited_s
         # all of them, before one is told: a stop that is sent to a silent arm would never return

@@ -1,9 +1,13 @@
-"""The oldest state that waits in libfranka's socket, looked at before libfranka reads it: nothing is taken out.
+"""The oldest state that waits in libfranka's socket, looked at before libfranka reads it.
 
 The kernel stamps each datagram on arrival (SO_TIMESTAMPNS, socket(7)). The first 8 bytes of a state are its number,
 which is the robot's time in ms. Where no other one waits it is the state that libfranka will read, and its values are
 taken from here, in one compiled call: libfranka gives them as lists of Python's, which takes a third of the time from a
 state to its answer.
+
+libfranka believes every number: after one that is ahead of the robot's time it discards all true states until the time
+has come, with Python's lock held. So a datagram that does not follow the last state is dropped here before libfranka
+reads it, and libfranka is called only while a state waits that follows.
 """
 
 import contextlib
@@ -56,37 +60,73 @@ def unpack(datagrams, size, states, number):
 
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h
 _STAMP = socket.SOL_SOCKET | _SO_TIMESTAMPNS << 32  # level and type of a control message (cmsg(3))
-_PEEK = 0x02 | 0x40  # MSG_PEEK, MSG_DONTWAIT, sys/socket.h
+_PEEK, _TRUNC, _DONTWAIT = 0x02, 0x20, 0x40  # sys/socket.h
 _REALTIME, _MONOTONIC = 0, 1  # time.h
 _CONTROL_BYTES = 64
 _NANO = 1_000_000_000
-ARRIVED, OLDEST, LOOKED, SIZE, WORDS = range(5)  # of the words of a look: host's ns, robot's ms, host's ns, bytes
+# of the words of a look: host's ns, robot's ms, host's ns, bytes; of the state that was read last: robot's ms, host's
+# ns; datagrams that were dropped, and the number of the last one
+ARRIVED, OLDEST, LOOKED, SIZE, LAST, LAST_ARRIVED, DROPPED, STRANGE, WORDS = range(9)
+AHEAD_MS = 100  # a number may be ahead of the host's time by what the network may hold back: hal.fci.pair.STALE_S
+MOST_MS = 9_000_000_000_000  # its ns fit into 63 bits
+JUMPED = -2
+_MOST_DROPS = 64  # in one look
 
 _recvmsg = types.ExternalFunction("recvmsg", types.int64(types.int32, types.intp, types.int32))
 clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
 
 
 @compiled
-def _look(words, header, parts, control, datagram, clock, descriptor):
-    header[2], header[3] = parts.ctypes.data, 1  # struct msghdr, recvmsg(2)
-    header[4], header[5] = control.ctypes.data, _CONTROL_BYTES
-    parts[0], parts[1] = datagram.ctypes.data, _BYTES
-    control[1] = 0
-    size = _recvmsg(np.int32(descriptor), header.ctypes.data, np.int32(_PEEK))
-    clock_gettime(np.int32(_REALTIME), clock.ctypes.data)
-    now = clock[0] * _NANO + clock[1]
-    clock_gettime(np.int32(_MONOTONIC), clock.ctypes.data)
-    words[LOOKED] = clock[0] * _NANO + clock[1]
-    words[ARRIVED], words[OLDEST], words[SIZE] = words[LOOKED], -1, size
-    if size >= 8:
-        words[OLDEST] = datagram[0].message_id
-        if control[1] == _STAMP:
-            words[ARRIVED] -= now - control[2] * _NANO - control[3]
+def _follows(words, number, host_ns):
+    """Return whether a state of this number may come next, at this time of the host."""
+    if not 0 <= number < MOST_MS:
+        return False
+    ahead = number - words[LAST]
+    return words[LAST] < 0 or 0 < ahead <= AHEAD_MS + (host_ns - words[LAST_ARRIVED]) // 1_000_000
 
 
 @compiled
-def _state(words, datagram, state, number):
-    return unpack(datagram, words[SIZE], state, number)
+def _look(words, header, parts, control, datagram, clock, descriptor):
+    """Return whether a state waits that follows the last one, and drop what comes before it."""
+    header[2], header[3] = parts.ctypes.data, 1  # struct msghdr, recvmsg(2)
+    parts[0], parts[1] = datagram.ctypes.data, _BYTES
+    for _ in range(_MOST_DROPS):
+        header[4], header[5] = control.ctypes.data, _CONTROL_BYTES
+        control[1] = 0
+        size = _recvmsg(np.int32(descriptor), header.ctypes.data, np.int32(_PEEK | _DONTWAIT | _TRUNC))
+        clock_gettime(np.int32(_REALTIME), clock.ctypes.data)
+        now = clock[0] * _NANO + clock[1]
+        clock_gettime(np.int32(_MONOTONIC), clock.ctypes.data)
+        words[LOOKED] = clock[0] * _NANO + clock[1]
+        words[ARRIVED], words[OLDEST], words[SIZE] = words[LOOKED], -1, size
+        if size < 0:
+            return False
+        if control[1] == _STAMP:
+            words[ARRIVED] -= now - control[2] * _NANO - control[3]
+        number = np.int64(datagram[0].message_id) if size >= 8 else -1
+        if size == _BYTES and _follows(words, number, words[ARRIVED]):
+            words[OLDEST] = number
+            return True
+        _recvmsg(np.int32(descriptor), header.ctypes.data, np.int32(_DONTWAIT))
+        words[DROPPED] += 1
+        words[STRANGE] = number
+    words[SIZE] = -1
+    return False
+
+
+@compiled
+def _state(words, datagram, state, clock, number):
+    oldest, arrived = words[OLDEST], words[ARRIVED]
+    mode = -1
+    if number == oldest:
+        mode = unpack(datagram, words[SIZE], state, number)
+    else:
+        clock_gettime(np.int32(_MONOTONIC), clock.ctypes.data)
+        if not _follows(words, number, clock[0] * _NANO + clock[1]):
+            words[STRANGE] = number
+            return JUMPED
+    words[LAST], words[LAST_ARRIVED] = number, arrived + (number - oldest) * 1_000_000 if oldest >= 0 else arrived
+    return mode
 
 
 class PeekedState:
@@ -98,12 +138,23 @@ class PeekedState:
     def __init__(self, state: ArmState | None = None) -> None:
         """state: of the arm, which `take` writes to."""
         self.words = np.zeros(WORDS, np.int64)
+        self.words[LAST] = -1
         datagram, clock = np.zeros(1, ROBOT_STATE), np.zeros(2, np.int64)
         buffers = (np.zeros(7, np.int64), np.zeros(2, np.int64), np.zeros(8, np.int64), datagram)
-        # look(descriptor): at the oldest state that waits in a socket, before it is read
+        # look(descriptor): whether a state waits in a socket that follows the last one; what comes before it is dropped
         self.look = bound(_look, self.words, *buffers, clock, later=(0,))
-        # take(number): that state was read; write it to the arm's, if it is the one that was looked at: see `unpack`
-        self.take = bound(_state, self.words, datagram, (state or ArmState.empty()).record, later=(0,))
+        # take(number): that state was read; write it to the arm's, if it is the one that was looked at: see `unpack`.
+        # JUMPED where the number cannot be the robot's: one that came between the look and the read
+        record = (state or ArmState.empty()).record
+        self.take = bound(_state, self.words, datagram, record, clock, later=(0,))
+
+    @property
+    def strange(self) -> str:
+        """What does not follow the last state, in words to follow why an arm is lost; "" for nothing."""
+        last, dropped, number = (int(self.words[k]) for k in (LAST, DROPPED, STRANGE))
+        if not dropped:
+            return ""
+        return f"; it sent {dropped} datagrams that do not follow state {last}, the last one with number {number}"
 
 
 def stamp_arrivals(descriptor: int) -> None:

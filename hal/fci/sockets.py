@@ -2,8 +2,10 @@
 
 import contextlib
 import os
+import select
 import socket
 import stat
+import time
 
 
 def open_sockets(kind: socket.SocketKind, peer: str = "") -> set[tuple[int, int]]:
@@ -49,6 +51,24 @@ def give_up_after(descriptor: int, patience_s: float) -> None:
     """
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as sock:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s))
+
+
+def receive_from(descriptor: int, host: str, size: int, patience_s: float) -> None:
+    """Have the kernel drop what others send to a datagram socket: only the port counts from which `host` sends
+    datagrams of `size` bytes. What waits there is forgotten.
+
+    Where none comes from `host` within patience_s, all senders go on to count: a box may have several addresses. Never
+    raises. The flags of the descriptor stay as they are, for they are libfranka's too.
+    """
+    due_s, found = time.monotonic() + patience_s, False
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as sock:
+        while not found and select.select([sock], [], [], max(0.0, due_s - time.monotonic()))[0]:
+            data, sender = sock.recvfrom(size + 1, socket.MSG_DONTWAIT)
+            found = sender[0] == host and len(data) == size
+            if found:
+                sock.connect(sender)
+        while True:
+            sock.recv(1, socket.MSG_DONTWAIT)
 
 
 def shut_down(descriptor: int) -> None:

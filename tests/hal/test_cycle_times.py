@@ -75,11 +75,11 @@ def test_a_state_is_taken_from_its_datagram(wire):
     for name in set(ARM_STATE.names or ()) - {"t_ns", "robot_mode", "current_errors", "O_T_EE"}:
         assert np.array_equal(record[name], told[name].astype(float)), name
     assert np.array_equal(record["O_T_EE"], told["O_T_EE"].reshape(4, 4).T)
-    told["errors"][7] = 1
+    told["errors"][7], told["message_id"] = 1, 4713
     robot.send(told.tobytes())
     ours.recv(2000)
     peeked.look(ours.fileno())
-    assert peeked.take(4711) == -1  # libfranka names the errors
+    assert peeked.take(4713) == -1  # libfranka names the errors
 
 
 def test_of_several_states_the_oldest_counts(wire):
