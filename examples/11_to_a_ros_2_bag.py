@@ -1,5 +1,8 @@
 """A log as a ROS 2 bag, without a ROS installation: joint states, wrenches at the pads and the tree of frames.
 
+Its stamps are Unix time, so that it lies beside a bag that was recorded at the same time; the robot's time where the log
+has no time of day.
+
 pip install rosbags
 python 11_to_a_ros_2_bag.py trial.mcap trial_bag       # then: ros2 bag play trial_bag
 """
@@ -13,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from rtstack.log.reader import read_log
+from rtstack.log.time_of_day import time_of_day
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 NAMES = {
@@ -29,7 +33,7 @@ Time, Header, Vector3, Wrench, Quaternion, Transform, TransformStamped, WrenchSt
 
 
 def header(t_ns: int, frame: str):
-    """The robot's time, and a frame."""
+    """A time, and a frame."""
     return Header(Time(t_ns // 10**9, t_ns % 10**9), frame)
 
 
@@ -40,9 +44,8 @@ def transform(t_ns: int, parent: str, child: str, T: np.ndarray):
     return TransformStamped(header(t_ns, parent), child, place)
 
 
-def messages(side: str, sample: np.void):
-    """Yield topic, kind and message of one arm's sample."""
-    t_ns = int(sample["t_ns"])
+def messages(side: str, sample: np.void, t_ns: int):
+    """Yield topic, kind and message of one arm's sample, with the stamp t_ns."""
     joints = [f"{side}_joint{k}" for k in range(1, 8)]
     yield (
         f"/{side}/joint_states",
@@ -63,15 +66,17 @@ def messages(side: str, sample: np.void):
 def convert(log_path: Path, bag: Path, every: int = 1) -> int:
     """Write the bag; every: of so many samples one. Returns the number of messages."""
     log = read_log(log_path)
+    time = time_of_day(log)
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections, count = {}, 0
         for side in ("left", "right"):
             for sample in log.topic(f"/{side}/arm")[::every]:
-                for topic, kind, message in messages(side, sample):
+                t_ns = int(sample["t_ns"]) if time is None else time.unix_ns(int(sample["t_ns"]))
+                for topic, kind, message in messages(side, sample, t_ns):
                     if topic not in connections:
                         connections[topic] = writer.add_connection(topic, kind, typestore=TYPES)
                     data = TYPES.serialize_cdr(message, kind)
-                    writer.write(connections[topic], int(sample["t_ns"]), data)
+                    writer.write(connections[topic], t_ns, data)
                     count += 1
     return count
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from console.review.columns import BUCKET, Columns, LogColumns
 from rtstack.log.analysis.signals import Signal
+from rtstack.log.time_of_day import TimeOfDay, iso
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 
 _NS = 1e-9
@@ -185,16 +186,19 @@ def moment(log: LogColumns, signals: Sequence[Signal], t_s: float) -> Moment:
 
 @dataclass(frozen=True, slots=True)
 class Tabled:
-    """A log in a table: its columns, what goes in front of its signals' names, and what is added to its time, s."""
+    """A log in a table: its columns, what goes in front of its signals' names, what is added to its time, s, and how
+    its times are UTC."""
 
     log: LogColumns
     prefix: str = ""
     offset_s: float = 0.0
+    time: TimeOfDay | None = None
 
 
 def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float, end_s: float) -> Iterator[str]:
-    """Yield a table of every sample in a window: t_s and each log's signals; empty where one has none at that time."""
-    yield ",".join(["t_s", *(f"{log.prefix}{signal.name}" for log in logs for signal in signals)]) + "\n"
+    """Yield a table of every sample in a window: t_s, the first log's UTC, and each log's signals; empty where one has
+    none at that time."""
+    yield ",".join(["t_s", "utc", *(f"{log.prefix}{signal.name}" for log in logs for signal in signals)]) + "\n"
     cells = [(_rows_in_window(log, signal.topic, start_s, end_s), signal) for log in logs for signal in signals]
     times = np.unique(np.concatenate([rows[1] for rows, _ in cells if rows is not None] or [np.zeros(0, np.int64)]))
     for part in range(0, len(times), 10_000):  # pieces: a whole log is a hundred megabytes of text
@@ -208,7 +212,10 @@ def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float,
             here = own_ns[np.minimum(places, len(own_ns) - 1)] == t_ns
             values = columns.values[signal.column, first + places[here]]
             table[here, number] = [f"{value:.8g}" for value in values.tolist()]
-        yield "".join(f"{t * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True))
+        time, start_ns = logs[0].time, logs[0].log.index.start_ns
+        utc = [""] * len(t_ns) if time is None else map(iso, time.unix_ns(start_ns + t_ns).tolist())
+        rows = zip(t_ns.tolist(), utc, table, strict=True)
+        yield "".join(f"{t * _NS:.6f},{when},{','.join(row)}\n" for t, when, row in rows)
 
 
 def _rows_in_window(

@@ -17,6 +17,7 @@ from rtstack.figures.log_data import with_references
 from rtstack.log.analysis.lateness import lateness_of
 from rtstack.log.analysis.signals import Signal, signals
 from rtstack.log.reader import read_log
+from rtstack.log.time_of_day import time_of_day
 from rtstack.log_folder.catalogue import LogCondition
 from rtstack.log_folder.difference import differences
 from rtstack.log_folder.log_rows import LogRow, log_row
@@ -44,7 +45,8 @@ def _log(parts: Parts, log_id: str) -> reviewed.ReadLog:
 class LogReview:
     """A log as far as it has been read. trial and result: its metadata; topics: samples of each.
 
-    share: how much of it, 0 to 1; start_ns: of its first sample; modes: (from s, to s, mode) of each side.
+    share: how much of it, 0 to 1; start_ns: of its first sample; recorded: when it began, UTC, ISO 8601;
+    modes: (from s, to s, mode) of each side.
     Nothing is in it of an arm that the log does not have.
     """
 
@@ -55,6 +57,7 @@ class LogReview:
     share: float
     done: bool
     start_ns: str | None
+    recorded: str | None
     duration_s: float | None
     topics: dict[str, int]
     modes: dict[str, list[tuple[float, float, str]]]
@@ -135,6 +138,7 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
         result=None if entry.result is None else dict(entry.result),
         condition=entry.condition,
         start_ns=None if read is None else str(index.start_ns),  # beyond what a browser's numbers can hold
+        recorded=entry.recorded,
         duration_s=None if read is None else index.duration_s,
         topics=index.rows,
     )
@@ -187,7 +191,7 @@ def csv(
     """Send every sample of the signals in a window as a table. other: a compared log, whose time is moved by offset."""
     wanted = reviewed.wanted_signals(signals)
     read = _log(parts, log_id)
-    tabled = [Tabled(read)]
+    tabled = [Tabled(read, time=time_of_day(read_log(read.entry.path, truncated=True)))]
     if other:
         tabled.append(Tabled(_log(parts, other), "other.", offset))
     name = f"{read.entry.path.stem}.csv".encode("ascii", "replace").decode().replace('"', "'")

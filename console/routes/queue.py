@@ -81,7 +81,7 @@ def sweep_size(order: SweepOrder, parts: NeedsParts) -> SweepSize:
 
 def _name_of(parts: Parts, reference: str) -> str:
     row = log_row(followed_by(parts, reference), None)
-    made = time.strftime("%m-%d %H:%M:%S", time.localtime(row.when))
+    made = time.strftime("%m-%d %H:%M:%S UTC", time.gmtime(row.when))
     return row.title or f"{row.kind} {(row.object or '').replace('_', ' ')}, {made}"
 
 

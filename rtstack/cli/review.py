@@ -128,8 +128,21 @@ def _review_in_rerun(path: Path, rrd: Path | None) -> None:
     typer.echo(f"wrote {rrd}: open it with rerun {rrd}")
 
 
+def _when(found: "Review") -> str:
+    """Return when a log begins, UTC, and how sure that is."""
+    time = found.time
+    if time is None:
+        return "at an unknown time of day: the log is of an older version, or has no tick"
+    words = [f"{found.utc(found.start_ns)} +- {1e3 * time.uncertainty_s:.1f} ms"]
+    words += ["the robot's time is simulated"] * time.simulated
+    words += ["the host's clock was not synchronised"] * (time.synchronised is False)
+    words += [f"the host's clock was set by {time.set_s:+.3f} s during the run"] * (time.set_s != 0.0)
+    return "; ".join(words)
+
+
 def _lines(found: "Review") -> list[str]:
     lines = [f"{found.path}: {found.kind}, {found.duration_s:.3f} s"]
+    lines += [f"  {'recorded':<22} {_when(found)}"] * (found.kind != "plan")
     asked = settings(found.trial)
     for name, value in {**asked, **{name: found.trial.get(name, "") for name in _ASKED if name not in asked}}.items():
         if value not in ("", "null", "{}"):

@@ -4,6 +4,7 @@ The loop pairs the newest state's time with the host's clock between two ticks, 
 pair in its metadata record `time`. Where the arms keep their own time, /clock is more exact.
 """
 
+import contextlib
 import ctypes
 import time
 from dataclasses import dataclass
@@ -61,33 +62,34 @@ class TimeOfDay:
 
 
 def time_of_day(log: "Log") -> TimeOfDay | None:
-    """Return how a log's times are UTC; None for a log that does not have it: of an older version, or without a tick.
+    """Return how a log's times are UTC; None for a log that does not have it: of an older version, without a tick, or
+    with a record that cannot be read. Raises LogError."""
+    with contextlib.suppress(KeyError, ValueError, TypeError, OverflowError):
+        return _said(log)
+    return None
 
-    Raises LogError.
-    """
+
+def _said(log: "Log") -> TimeOfDay | None:
     said = log.metadata.get(RECORD, {})
-    set_s = float(said.get("clock_set_s", 0.0))
-    host = {
-        "synchronised": None if "clock" not in said else said["clock"] == "synchronised",
-        "error_s": float(said["clock_error_s"]) if said.get("clock_error_s") else None,
-        "set_s": set_s,
-    }
+    set_s, clock, error = (said.get(key) for key in ("clock_set_s", "clock", "clock_error_s"))
+    set_s, known = float(set_s or 0.0), None if clock is None else clock == "synchronised"
+    host = known, None if error is None else float(error), set_s
     if exact := log.times(CLOCK_TOPIC):
         last = log.between([CLOCK_TOPIC], exact[-1], exact[-1])[CLOCK_TOPIC][-1]
         rate, uncertainty_s = 1.0 + 1e-6 * float(last["drift_ppm"]), 1e-6 * float(last["uncertainty_us"])
-        return TimeOfDay(exact[-1], int(last["unix_ns"]), rate, uncertainty_s, False, **host)
+        return TimeOfDay(exact[-1], int(last["unix_ns"]), rate, uncertainty_s, False, *host)
     if "t_ns" not in said:
         return None
     t_ns, unix_ns = int(said["t_ns"]), unix_of(said["utc"]) + round(1e9 * set_s)
     simulated, rate = said["robot_time"] == "simulated", 1.0
     if simulated and int(said.get("end_t_ns", t_ns)) > t_ns:
         rate = (unix_of(said["end_utc"]) - unix_ns) / (int(said["end_t_ns"]) - t_ns)
-    return TimeOfDay(t_ns, unix_ns, rate, float(said["utc_uncertainty_s"]), simulated, **host)
+    return TimeOfDay(t_ns, unix_ns, rate, float(said["utc_uncertainty_s"]), simulated, *host)
 
 
 def iso(unix_ns: int) -> str:
     """Return a Unix time, ns, as ISO 8601 has it, UTC, to the microsecond."""
-    return f"{_EPOCH + timedelta(microseconds=unix_ns // 1000):%Y-%m-%dT%H:%M:%S.%fZ}"
+    return f"{_EPOCH + timedelta(microseconds=int(unix_ns) // 1000):%Y-%m-%dT%H:%M:%S.%fZ}"
 
 
 def unix_of(text: str) -> int:
@@ -116,17 +118,15 @@ def take_pair(times: NDArray[np.void], t_ns: int, compute_us: float) -> None:
 def time_record(times: NDArray[np.void], ended: bool = False) -> dict[str, str]:
     """Return the metadata record of a log's TIMES (1,): of its begin, and of its end too once it has ended."""
     found = times[0]
-    pairs = [k for k in ((0, 1) if ended else (0,)) if found["unix_ns"][k]]
-    said = {"robot_time": "simulated" if found["simulated"] else "own clock"}
-    for k, prefix in zip(pairs, ("", "end_"), strict=False):
-        said |= {
-            f"{prefix}utc": iso(int(found["unix_ns"][k])), f"{prefix}t_ns": str(found["t_ns"][k]),
-            f"{prefix}utc_uncertainty_s": repr(1e-9 * int(found["uncertainty_ns"][k])),
-        }  # fmt: skip
-    said = {"utc": iso(int(found["opened_ns"]))} | said | _synchronised()
+    said = {"utc": iso(found["opened_ns"]), "robot_time": "simulated" if found["simulated"] else "own clock"}
+    for k, prefix in enumerate(("", "end_") if ended else ("",)):
+        if unix_ns := found["unix_ns"][k]:
+            said |= {f"{prefix}utc": iso(unix_ns), f"{prefix}t_ns": str(found["t_ns"][k])}
+            said[f"{prefix}utc_uncertainty_s"] = f"{1e-9 * found['uncertainty_ns'][k]:.9f}"
+    said |= _synchronised()
     if ended:
         set_ns = _offset_ns() - int(found["offset_ns"])
-        said["clock_set_s"] = repr(1e-9 * set_ns) if abs(set_ns) > _SET_NS else "0.0"
+        said["clock_set_s"] = f"{1e-9 * set_ns:.6f}" if abs(set_ns) > _SET_NS else "0.0"
     return said
 
 
@@ -143,10 +143,11 @@ def _synchronised() -> dict[str, str]:
     class Ntp(ctypes.Structure):  # struct ntptimeval of <sys/timex.h>
         _fields_ = [(name, ctypes.c_long) for name in ("s", "us", "maxerror", "esterror", "tai", *"abcd")]
 
+    said = Ntp()
     try:
-        state = ctypes.CDLL(None).ntp_gettime(ctypes.byref(said := Ntp()))
+        state = ctypes.CDLL(None).ntp_gettime(ctypes.byref(said))
     except (OSError, AttributeError):
-        return {}
-    if state in (-1, _TIME_ERROR):
-        return {} if state == -1 else {"clock": "not synchronised"}
-    return {"clock": "synchronised", "clock_error_s": repr(1e-6 * said.maxerror)}
+        state = -1
+    if state == _TIME_ERROR:
+        return {"clock": "not synchronised"}
+    return {} if state < 0 else {"clock": "synchronised", "clock_error_s": f"{1e-6 * said.maxerror:.6f}"}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.base.files import replacing
 from hal.base.realtime import obtainable
@@ -16,7 +17,7 @@ from hal.robots import FR3
 from rtstack.cameras.start import Cameras
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
-from rtstack.log.time_of_day import TIMES, begun, take_pair
+from rtstack.log.time_of_day import TIMES, begun
 from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
 from rtstack.log.writing.mcap_writer import McapWriter
@@ -44,7 +45,10 @@ class RunLog:
     """What keeps a run's samples and its result; by itself it keeps nothing, and cannot fail.
 
     path: of the file. cameras: whose pictures go into it. evidence: of a fault, set before `close`, which writes it.
+    times: the pairs of TIMES (1,) that the run takes, see rtstack.log.time_of_day, None where nothing keeps them.
     """
+
+    times: NDArray[np.void] | None = None
 
     def __init__(self, path: Path, cameras: Cameras | None = None) -> None:
         self.path = path
@@ -67,9 +71,6 @@ class RunLog:
 
     def wait_for_room(self) -> None:
         """Between two ticks: wait, where the run may, until there is room for more samples. Never raises."""
-
-    def note_time(self, t_ns: int, compute_us: float) -> None:
-        """Between two ticks: pair the newest state's time with the time of day: see take_pair. Never waits."""
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the result. Returns None, or in one line why the log is not complete."""
@@ -103,7 +104,7 @@ class TrialLog(RunLog):
         self, path: Path, rings: Rings, process: LogProcess, lockstep: bool, cameras: Cameras | None = None
     ) -> None:
         super().__init__(path, cameras)
-        self.rings = rings
+        self.rings, self.times = rings, rings.times
         self._trouble, self._hangs, self._gone = "", False, False
         self._process = process
         self._lockstep = lockstep
@@ -139,9 +140,6 @@ class TrialLog(RunLog):
                 self._process.wait_room(ROOM, HANG_S)
             except LogError:
                 self._hang(self._process.trouble or f"its process has read nothing for {HANG_S:g} s")
-
-    def note_time(self, t_ns: int, compute_us: float) -> None:
-        take_pair(self.rings.times, t_ns, compute_us)
 
     def _hang(self, trouble: str) -> None:
         self._trouble, self._hangs = trouble, True
@@ -188,10 +186,7 @@ class WholeRunLog(RunSamples):
         self._metadata = metadata
         self._attachments = attachments
         self._frames = frames
-        self._times = begun(np.zeros(1, TIMES), simulated=True)
-
-    def note_time(self, t_ns: int, compute_us: float) -> None:
-        take_pair(self._times, t_ns, compute_us)
+        self.times = begun(np.zeros(1, TIMES), simulated=True)
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the file. Returns None, or in one line why there is none. `columns` are the samples from now on."""
@@ -199,7 +194,7 @@ class WholeRunLog(RunSamples):
         try:
             # under a name of its own: a worker that was cut off may still write what another one has taken over
             with replacing(self.path) as partial, open(partial, "wb") as file:
-                writer = McapWriter(file, scenery=Scenery(self._frames), times=self._times)
+                writer = McapWriter(file, scenery=Scenery(self._frames), times=self.times)
                 writer.begin(self._metadata.items(), self._attachments)
                 if self.history is not None:
                     writer.write(self.history.batches())

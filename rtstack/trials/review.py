@@ -12,6 +12,7 @@ from rtstack.log.analysis.derived import base_pose
 from rtstack.log.analysis.lateness import Lateness, lateness_of
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Event, Log, read_log
+from rtstack.log.time_of_day import TimeOfDay, iso, time_of_day
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES
@@ -24,7 +25,8 @@ class Review:
     """kind: trial or demonstration; recorded: the result in the log; score: the same from the samples, None for a
     demonstration; sides: of the arms that it has; first_contact_s: of each of them, s since the first sample; fault:
     what ended the session,
-    where it was one; lateness: who was late, where each arm had a clock of its own."""
+    where it was one; lateness: who was late, where each arm had a clock of its own. start_ns: robot's time of the first
+    message; time: how the robot's times are UTC, None where the log does not have it."""
 
     path: Path
     kind: str
@@ -38,15 +40,21 @@ class Review:
     sides: tuple[str, ...] = SIDES
     fault: dict[str, str] | None = None
     lateness: Lateness | None = None
+    start_ns: int = 0
+    time: TimeOfDay | None = None
+
+    def utc(self, t_ns: int) -> str | None:
+        """Return a time of the log, ns, as UTC, ISO 8601; None where the log does not have it."""
+        return None if self.time is None else iso(self.time.unix_ns(t_ns))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the review as JSON-ready values."""
         values = asdict(replace(self, lateness=None))
-        values["path"] = str(self.path)
+        values["path"], values["utc"] = str(self.path), self.utc(self.start_ns)
         values["lateness"] = None if self.lateness is None else self.lateness.as_dict()
         values["events"] = [
-            {"t_s": event.t_ns * 1e-9, "level": event.level.name, "name": event.name, "text": event.text}
-            for event in self.events
+            {"t_s": e.t_ns * 1e-9, "utc": self.utc(e.t_ns), "level": e.level.name, "name": e.name, "text": e.text}
+            for e in self.events
         ]
         return values
 
@@ -87,6 +95,8 @@ def review_log(path: Path) -> Review:
         sides=log.sides,
         fault=log.metadata.get("fault"),
         lateness=lateness_of(log),
+        start_ns=log.start_ns,
+        time=time_of_day(log),
     )
 
 

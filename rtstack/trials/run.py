@@ -14,6 +14,7 @@ from hal.errors import HardwareError
 from hal.sensor import Sensor
 from rtstack.control.modes import Strategy
 from rtstack.control.watch import TrialMonitor
+from rtstack.log.time_of_day import take_pair
 from rtstack.log.writing.job import Attachment, Evidence
 from rtstack.loop.end import End
 from rtstack.loop.fault import FailedQp, Fault
@@ -295,9 +296,9 @@ class Run:
         if self.between is not None:
             self.between(index)
         if index % ROOM_TICKS == 0 and self._log is not None:
-            if self._publisher is not None:
+            if self._log.times is not None and self._publisher is not None:
                 timing = self._publisher.timing[0]
-                self._log.note_time(int(timing["t_ns"]), float(timing["compute_us"]))
+                take_pair(self._log.times, int(timing["t_ns"]), float(timing["compute_us"]))
             self._log.wait_for_room()
         if self._context.progress is not None and index % PROGRESS_TICKS == 0:
             if self._plan.source is None:

@@ -69,6 +69,7 @@ class PolicyHost:
         self._waiting: deque[tuple[int, NDArray[np.void] | None]] = deque()  # when an answer arrives, None: finished
         self._number = 0
         self._began_ns: int | None = None
+        self._poses: NDArray[np.float64] | None = None  # of the last observation, whose quaternions' signs are kept
         self._dead = False
         self.problem = ""  # why its newest answer is none
         self._said: set[str] = set()
@@ -133,7 +134,7 @@ class PolicyHost:
         self._number += 1
         t_ns = self.clock()
         self._began_ns = t_ns if self._began_ns is None else self._began_ns
-        pose, pose_ref = np.zeros((len(arms), 7)), np.zeros((len(arms), 7))
+        pose, pose_ref = self._poses = np.zeros((2, len(arms), 7)) if self._poses is None else self._poses.copy()
         self._posture_joint = arms[0].parameters.posture_joint
         for side, arm in enumerate(arms):
             work, point = arm.workspace[0], self._source.points[side, 0]

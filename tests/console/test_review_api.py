@@ -1,8 +1,10 @@
 """The review as a program uses it: search, reading, curves, cursor, comparison. With the guard in front."""
 
+import csv
 import json
 import os
 import time
+from datetime import datetime
 
 import httpx
 import numpy as np
@@ -110,14 +112,22 @@ def test_a_log_is_read_and_its_spike_comes_down(served, logs):
         assert values["values"] == {"left.tau_J.4": 80.0}
         assert np.shape(values["q"]) == (2, 7)
         table = client.get(f"/api/logs/{log_id}/csv", params={"signals": "left.tau_J.4", "start": 1.2, "end": 1.3})
-        assert "1.234000,80" in table.text.splitlines()
+        rows = list(csv.DictReader(table.text.splitlines()))
+        (spike,) = (row for row in rows if row["left.tau_J.4"] == "80")
+        assert spike["t_s"] == "1.234000"
+        times = [datetime.fromisoformat(row["utc"]) for row in rows]  # of a log with samples of /clock
+        assert (times[-1] - times[0]).total_seconds() == pytest.approx(0.099, abs=2e-6)
         assert table.headers["content-disposition"] == 'attachment; filename="log0.csv"'
         other_id = logs["log1.mcap"]
         read(client, other_id)
         both = {"signals": "left.tau_J.4", "start": 1.2, "end": 1.3, "other": other_id, "offset": 0.01}
         lines = client.get(f"/api/logs/{log_id}/csv", params=both).text.splitlines()
-        assert lines[0] == "t_s,left.tau_J.4,other.left.tau_J.4"
-        assert {"1.234000,80,0", "1.244000,0,80"} <= set(lines)  # the other one's spike is as late as it was moved
+        assert lines[0] == "t_s,utc,left.tau_J.4,other.left.tau_J.4"
+        cells = {(row[0], *row[2:]) for row in csv.reader(lines)}
+        assert {
+            ("1.234000", "80", "0"),
+            ("1.244000", "0", "80"),
+        } <= cells  # the other one's spike is as late as it was moved
         assert len(client.get(f"/api/logs/{log_id}/events", params={"level": "INFO"}).json()) == 1
         assert client.get(f"/api/logs/{log_id}/events", params={"level": "ERROR"}).json() == []
 

@@ -12,6 +12,7 @@ from console.review.conversion import main as conversion
 from console.review.series import Tabled, Window, csv_lines, curves, moment
 from rtstack.log.analysis.signals import column_block, signals, topic_signals
 from rtstack.log.reader import read_log
+from rtstack.log.time_of_day import TimeOfDay, unix_of
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.samples import Mode
 from rtstack.topics import PLOTTED_TOPICS, TOPICS
@@ -165,14 +166,18 @@ def test_modes_and_events_are_those_of_the_log(made):
 def test_a_table_has_every_sample_and_gaps_where_a_topic_has_none(made):
     _, columns, folder, index = made
     names = ["left.tau_J.4", "object.position.z"]
+    at_ns = unix_of("2026-06-01T23:59:59.004000Z")
+    time = TimeOfDay(index.start_ns, at_ns, 1.0, 1e-3, False)
     lines = "".join(
-        csv_lines([Tabled(LogColumns(folder, index))], [signal(name) for name in names], 1.0, 1.01)
+        csv_lines([Tabled(LogColumns(folder, index), time=time)], [signal(name) for name in names], 1.0, 1.01)
     ).splitlines()
-    assert lines[0] == "t_s,left.tau_J.4,object.position.z"
+    assert lines[0] == "t_s,utc,left.tau_J.4,object.position.z"
     rows = [line.split(",") for line in lines[1:]]
     assert [row[0] for row in rows] == [f"{t / 1000:.6f}" for t in range(1000, 1010)]
-    np.testing.assert_allclose([float(row[1]) for row in rows], columns["/left/arm"]["tau_J"][1000:1010, 3], rtol=1e-6)
-    assert [bool(row[2]) for row in rows] == [t % OBJECT_EVERY == 0 for t in range(1000, 1010)]
+    assert rows[0][1] == "2026-06-02T00:00:00.004000Z"
+    assert rows[9][1] == "2026-06-02T00:00:00.013000Z"
+    np.testing.assert_allclose([float(row[2]) for row in rows], columns["/left/arm"]["tau_J"][1000:1010, 3], rtol=1e-6)
+    assert [bool(row[3]) for row in rows] == [t % OBJECT_EVERY == 0 for t in range(1000, 1010)]
 
 
 def test_a_writer_that_is_fed_in_pieces_writes_the_same(tmp_path):

@@ -17,6 +17,7 @@ from PIL import Image
 from rtstack.datasets.episode import read_episode
 from rtstack.datasets.frames import frames_of
 from rtstack.log.reader import read_log
+from rtstack.log.time_of_day import time_of_day
 from rtstack.samples import SIDES
 from rtstack.teleoperation.policy import Chunk
 from tests.support.docs.run import BIN, PATIENCE_S, environment
@@ -118,14 +119,15 @@ def test_eleven_makes_a_bag_that_a_reader_of_ros_2_reads_bit_for_bit(demonstrati
 
     bag = runpy.run_path(str(EXAMPLES / "11_to_a_ros_2_bag.py"))
     bag["convert"](demonstration.path, tmp_path / "bag", 100)
-    samples = read_log(demonstration.path).topic("/left/arm")[::100]
+    log = read_log(demonstration.path)
+    samples, time = log.topic("/left/arm")[::100], time_of_day(log)
     with AnyReader([tmp_path / "bag"]) as reader:
         read = {}
         for connection, t_ns, data in reader.messages():
             read.setdefault(connection.topic, []).append((t_ns, reader.deserialize(data, connection.msgtype)))
     assert sorted(read) == ["/left/joint_states", "/left/wrench", "/right/joint_states", "/right/wrench", "/tf"]
     for sample, (t_ns, joints) in zip(samples, read["/left/joint_states"], strict=True):
-        assert t_ns == sample["t_ns"]
+        assert t_ns == time.unix_ns(int(sample["t_ns"]))
         for name, values in (("q", joints.position), ("dq", joints.velocity), ("tau_J", joints.effort)):
             assert (sample[name] == values).all()
     assert len(read["/tf"]) == 2 * len(samples)

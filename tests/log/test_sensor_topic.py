@@ -145,7 +145,7 @@ def test_the_review_has_its_curves_and_its_table(found: dict) -> None:
     units = {"fx": "N", "fy": "N", "fz": "N", "mx": "Nm", "my": "Nm", "mz": "Nm"}
     wrench = [[f"left.wrench_measured.{axis}", unit] for axis, unit in units.items()]
     assert found["tree"] == [*wrench, ["left.temperature", "degC"]]
-    assert found["csv"] == ",".join(["t_s", *(name for name, _ in found["tree"])])
+    assert found["csv"] == ",".join(["t_s", "utc", *(name for name, _ in found["tree"])])
     assert found["rows"] == len(found["t_ns"])
 
 

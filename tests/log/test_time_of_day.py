@@ -104,6 +104,19 @@ def test_a_log_without_an_end_has_it_and_one_without_a_tick_only_when_it_was_ope
     assert iso(found.unix_ns(0)).startswith("2026-06-01T12:00:00.")
 
 
+@pytest.mark.parametrize("record", [
+    {"t_ns": "x", "utc": "2026-06-01T12:00:00Z"}, {"t_ns": "1", "utc": "noon"}, {"t_ns": "1"}, {"clock_set_s": "much"},
+    {"t_ns": "1", "utc": "2026-06-01T12:00:00", "robot_time": "own clock", "utc_uncertainty_s": "0"},
+])  # fmt: skip
+def test_a_record_that_cannot_be_read_is_no_time_of_day(tmp_path: Path, record: dict[str, str]) -> None:
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = McapWriter(file)
+        writer.begin([("trial", {"seed": "7"}), ("time", record)], [])
+        writer.write({"/left/arm": random_records("/left/arm", 10)})
+        writer.finish({}, "closed", None, {})
+    assert time_of_day(read_log(tmp_path / "a.mcap")) is None
+
+
 def test_the_log_process_writes_it(tmp_path: Path) -> None:
     with Rings.create(capacity=64) as rings:
         begun(rings.times, simulated=False)

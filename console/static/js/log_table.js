@@ -197,7 +197,7 @@ export class LogTable {
   // What is on screen, in its order, as a file.
   saveCsv(name) {
     const keys = ["name", ...this.headings.flatMap((heading) => heading.querySelector("button")?.dataset.key ?? []), "starred", "tags", "note"];
-    const value = (log, key) => (key === "when" ? when(log.when) : log[key]);
+    const value = (log, key) => (key === "when" ? new Date(log.when * 1000).toISOString() : log[key]);
     const lines = this.rows.map((log) => keys.map((key) => quoted(value(log, key))).join(","));
     save(new Blob([[keys.join(","), ...lines].join("\n") + "\n"], { type: "text/csv" }), name);
   }
