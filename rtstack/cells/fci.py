@@ -7,7 +7,7 @@ from typing import cast
 from hal.base.realtime import obtainable
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
-from hal.errors import HardwareError
+from hal.errors import ConnectionLost, HardwareError
 from hal.extensions import ExtensionError, ExtensionPoint
 from hal.fci import FciPair, ask_for_urdf, limits_in, open_pair
 from hal.limits import CollisionBehaviour, OwnLimits
@@ -113,9 +113,11 @@ def _open(request: CellRequest) -> Cell:
 
 def _own_limits(addresses: Sequence[str]) -> tuple[tuple[OwnLimits, ...] | None, str]:
     """Return what the robots say of their limits, or None and why they do not: a robot that takes no client says so
-    itself, when it is connected to."""
+    itself, when it is connected to. Raises ConnectionLost."""
     try:
         return tuple(limits_in(ask_for_urdf(address), f"the arm at {address}") for address in addresses), ""
+    except ConnectionLost:  # libfranka would wait for longer, with Python's lock
+        raise
     except HardwareError as error:
         return None, f"the limits of the cell's file are not compared with the robots': {error}"
 
