@@ -1,12 +1,12 @@
 """`rtstack recover` a log that was cut off; `rtstack recover-arms`, the way out of a fault without starting anew."""
 
-import getpass
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from hal.base.shared import user_name
 from hal.errors import RecoveryRefused
 from rtstack.cli.exit_status import fail
 from rtstack.cli.progress import progress_bar
@@ -83,8 +83,5 @@ def _recover_pair(kind: str) -> None:
 
 
 def _operator() -> str:
-    try:
-        user = "".join(letter for letter in getpass.getuser() if letter.isprintable()).strip()
-    except (OSError, KeyError):  # a user without a name
-        user = ""
-    return f"{user[:_LONGEST_NAME] or 'unknown user'}, terminal"
+    user = "".join(letter for letter in user_name() if letter.isprintable()).strip()
+    return f"{user[:_LONGEST_NAME]}, terminal"
