@@ -30,25 +30,16 @@ def export(
         Path, typer.Argument(metavar="OUT", help="A folder for lerobot and zarr, a file for hdf5; it must not exist.")
     ],
     to: Annotated[Literal["lerobot", "hdf5", "zarr"], typer.Option("--to", help="The form of the data set.")],
-    since: Annotated[
-        str, typer.Option("--from", metavar="DATE", help="Not before: 2026-11-26 or 2026-11-26T08:30, UTC.")
-    ] = "",
-    until: Annotated[str, typer.Option(metavar="DATE", help="Not after, UTC; a day to its end.")] = "",
-    object: Annotated[str, typer.Option(metavar="NAME", help="What was handled.")] = "",
-    controller: Annotated[str, typer.Option(metavar="NAME")] = "",
-    kind: Annotated[str, typer.Option(metavar="NAME", help="trial, demonstration, recording, playback ...")] = "",
-    operator: Annotated[str, typer.Option(metavar="NAME", help="By whom the arms were led.")] = "",
-    tag: Annotated[
-        list[str] | None, typer.Option(metavar="TAG", help="That the log has; again for a second one.")
-    ] = None,
-    verdict: Annotated[str, typer.Option(metavar="WORD", help="kept, failed, discard; expected, unexpected.")] = "",
-    success: Annotated[
-        Literal["true", "false", "any"] | None,
+    words: Annotated[
+        str,
         typer.Option(
-            help="Which runs. By default those with success, and those with the verdict kept.", show_default=False
+            "--filter",
+            metavar="WORDS",
+            help="As in `rtstack logs list` and on the page Logs: 'object=rice_box tag=good operator=anna verdict=kept "
+            "date>=2026-11-26 date<2026-11-27T08:30' (UTC).",
         ),
-    ] = None,
-    words: Annotated[str, typer.Option("--filter", metavar="WORDS", help="As in `rtstack logs list`: force>30.")] = "",
+    ] = "",
+    failed: Annotated[bool, typer.Option("--failed", help="Take runs that failed or have no result, too.")] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="List what would be taken, and why not. Write nothing.")
     ] = False,
@@ -59,13 +50,12 @@ def export(
 ) -> None:
     """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended.
 
-    Runs that were discarded, failed, or have no result are left out unless --verdict or --success asks for them.
+    Runs that were discarded, failed, or have no result are left out unless the filter asks for a verdict or success.
     """
     from rtstack.datasets.export import NothingToExport
     from rtstack.datasets.export import export as write_data_set
     from rtstack.datasets.hdf5 import Hdf5
     from rtstack.datasets.lerobot import LeRobot
-    from rtstack.datasets.selection import Success
     from rtstack.datasets.zarr import Zarr
 
     if to == "hdf5" and no_ticks:
@@ -75,18 +65,10 @@ def export(
     form: Format = Hdf5() if to == "hdf5" else LeRobot(fps, not no_ticks, video)
     if to == "zarr":
         form = Zarr(fps, not no_ticks)
-    asked = {
-        "date>=": since, "date<=": until, "object=": object, "controller=": controller, "kind=": kind,
-        "operator=": operator, "verdict=": verdict,
-    }  # fmt: skip
-    parts = [f'{key}"{value}"' for key, value in asked.items() if value] + [f'tag="{each}"' for each in tag or ()]
     began_s = time.perf_counter()
     try:
         with progress_bar("exporting", not json) as progress:
-            query = " ".join(filter(None, (*parts, words)))
-            done = write_data_set(
-                logs, out, form, progress, query=query, success=success and Success(success), dry_run=dry_run
-            )
+            done = write_data_set(logs, out, form, progress, query=words, failed=failed, dry_run=dry_run)
     except NothingToExport as error:
         _say_left_out(error.candidates)
         raise

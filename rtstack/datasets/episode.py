@@ -21,7 +21,7 @@ from rtstack.log.writing.job import Attachment
 from rtstack.log.writing.pictures import camera_topics
 from rtstack.log_folder.catalogue import entry_of
 from rtstack.log_folder.log_rows import LogRow, log_row
-from rtstack.log_folder.remarks import EpisodeVerdict
+from rtstack.log_folder.search import success_of
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, TOPICS
 
@@ -117,11 +117,6 @@ class Episode:
 
 def _worded(values: Mapping[str, Any]) -> dict[str, str]:
     return {name: NONE if value in (None, "", "null") else str(value) for name, value in values.items()}
-
-
-def success_of(row: LogRow) -> bool | None:
-    """Return whether a run has succeeded, None where nothing says it: what a person called failed has not."""
-    return False if row.episode_verdict is EpisodeVerdict.FAILED else row.success
 
 
 def check_log(path: Path) -> Log:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from rtstack.datasets.episode import Episode, read_episode
-from rtstack.datasets.selection import Candidate, Success, select, unreadable
+from rtstack.datasets.selection import Candidate, select, unreadable
 from rtstack.log.errors import LogError
 
 _OURS = re.compile(r"unfinished|whole|(\d{6}-)?[0-9a-f]{16}-[\w-]+")  # what an export leaves in OUT.partial
@@ -36,8 +36,8 @@ class Format(Protocol):
         """Write an episode as a file or folder. Raises LogError for one that cannot be."""
 
     def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
-        """Make the data set `whole`, which is not there, of the episodes' files, which stay. about: `selection`, what
-        was asked for, and `left_out`, a list of log and why."""
+        """Make the data set `whole`, which is not there, of the episodes' files, which stay. about: `selection`
+        and `failed`, what was asked for, and `left_out`, a list of log and why."""
 
 
 class NothingToExport(LogError):
@@ -63,7 +63,7 @@ class Exported:
 
 def export(
     places: Sequence[Path], out: Path, form: Format, progress: Callable[[float], None] | None = None, *,
-    query: str = "", success: Success | None = None, dry_run: bool = False,
+    query: str = "", failed: bool = False, dry_run: bool = False,
 ) -> Exported:  # fmt: skip
     """Write the data set `out` of logs, an episode each, in their order.
 
@@ -71,7 +71,7 @@ def export(
     is left out, and the data set has a list of those with the reasons.
 
     Args:
-        places, query, success: see rtstack.datasets.selection.select.
+        places, query, failed: see rtstack.datasets.selection.select.
         form: how the data set is written.
         progress: takes the fraction that is done.
         dry_run: read everything and write nothing.
@@ -80,7 +80,7 @@ def export(
     """
     partial = out.with_name(out.name + ".partial")
     _check(out, partial, form)
-    candidates = select(places, query, success, form.alike)
+    candidates = select(places, query, failed, form.alike)
     if not candidates:
         raise LogError("name the logs to export, or their folder")
     present, robot_s = 0, 0.0
@@ -105,8 +105,7 @@ def export(
         if not dry_run:
             _remove(whole := partial / "whole")
             left_out = [{"log": each.path.name, "why": each.why} for each in candidates if each.why]
-            asked = f"success={success or 'true'}"
-            form.join(episodes, whole, {"selection": f"{query} {asked}".strip(), "left_out": left_out})
+            form.join(episodes, whole, {"selection": query, "failed": failed, "left_out": left_out})
             os.rename(whole, out)
             shutil.rmtree(partial)
     except OSError as error:

@@ -60,7 +60,7 @@ class Hdf5:
 
         with _new_file(whole) as target:
             target.attrs["note"] = "Trials of a dual-arm cell, made by rtstack export --to hdf5"
-            target.attrs["selection"], target.attrs["left_out"] = about["selection"], json.dumps(about["left_out"])
+            target.attrs.update(about | {"left_out": json.dumps(about["left_out"])})
             for path in episodes:
                 with h5py.File(path, "r") as source:
                     (name,) = source

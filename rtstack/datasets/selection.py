@@ -3,25 +3,16 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 
-from rtstack.datasets.episode import PICTURES, check_log, digest_of, success_of
+from rtstack.datasets.episode import PICTURES, check_log, digest_of
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log
 from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry, entry_of
 from rtstack.log_folder.log_rows import LogRow, log_row
 from rtstack.log_folder.remarks import EpisodeVerdict, load_remarks
-from rtstack.log_folder.search import Condition, Facts, FilterRefused, parsed
+from rtstack.log_folder.search import Condition, Facts, FilterRefused, parsed, success_of
 from rtstack.topics import TICK_TOPICS
-
-
-class Success(StrEnum):
-    """Which runs are taken, by their success. A run that a person called failed has none."""
-
-    TRUE = "true"
-    FALSE = "false"
-    ANY = "any"  # also those without a result
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +36,16 @@ class Candidate:
         return replace(self, why=why, wrong=wrong)
 
 
-def select(
-    places: Sequence[Path], query: str = "", success: Success | None = None, alike: bool = True
-) -> list[Candidate]:
-    """Return the logs of some files and folders, in their order, those of a folder by name: which are taken, and why
-    the others are not. Nothing is written but the cache of a folder's list.
+def select(places: Sequence[Path], query: str = "", failed: bool = False, alike: bool = True) -> list[Candidate]:
+    """Return the logs of files and folders, in their order, those of a folder by name, with why they are left out.
+
+    A run that was discarded is left out unless the query asks for a verdict, one without success unless it asks for
+    success or a verdict, a person kept it, or failed is set.
 
     Args:
         places: logs, and folders of logs.
         query: words of the search in the list of logs (rtstack.log_folder.search), all of which have to hold.
-        success: None: those with success, and those that a person kept. A run that was discarded is left out, unless
-            the query itself asks for a verdict.
+        failed: take runs that have failed or have no result, too.
         alike: leave out the logs whose topics and cameras are not those of most.
 
     Raises LogError for a query that means nothing.
@@ -65,13 +55,22 @@ def select(
     except FilterRefused as error:
         raise LogError(str(error)) from None
     found: list[Candidate] = []
+    for place in places:
+        try:
+            entries = [entry_of(place)] if not place.is_dir() else Catalogue(place).entries()
+        except (LogError, OSError) as error:
+            why = f"cannot be read: {error.strerror if isinstance(error, OSError) else error}"
+            found.append(Candidate(place, why=why, wrong=True))
+            continue
+        if not entries:
+            found.append(Candidate(place, why="there is no log in this folder", wrong=True))
+        found += [_candidate(entry, conditions, failed) for entry in sorted(entries, key=lambda each: each.path)]
     digests: dict[str, Path] = {}  # a copy or another name of a log is the same episode
-    for each in _candidates(places, conditions, success):
-        if each.digest and each.digest in digests:
-            each = each.without(f"it is the same log as {digests[each.digest]}")
-        elif each.digest:
+    for number, each in enumerate(found):
+        if not each.why and each.digest in digests:
+            found[number] = each.without(f"it is the same log as {digests[each.digest]}")
+        elif not each.why:
             digests[each.digest] = each.path
-        found.append(each)
     shapes = Counter(each.shape for each in found if not each.why)
     if not alike or len(shapes) < 2:
         return found
@@ -79,34 +78,15 @@ def select(
     return [each if each.why or each.shape == most else each.without(_unlike(each.shape, most)) for each in found]
 
 
-def _candidates(places: Sequence[Path], conditions: Sequence[Condition], success: Success | None) -> list[Candidate]:
-    found = []
-    for place in places:
-        try:
-            entries = (
-                sorted(Catalogue(place).entries(), key=lambda each: each.path) if place.is_dir() else [entry_of(place)]
-            )
-        except (LogError, OSError, ValueError) as error:
-            found.append(
-                Candidate(place, why=f"cannot be read: {getattr(error, 'strerror', None) or error}", wrong=True)
-            )
-            continue
-        if not entries:
-            found.append(Candidate(place, why="there is no log in this folder", wrong=True))
-        found += [_candidate(entry, conditions, success) for entry in entries]
-    return found
-
-
-def _candidate(entry: LogEntry, conditions: Sequence[Condition], success: Success | None) -> Candidate:
+def _candidate(entry: LogEntry, conditions: Sequence[Condition], failed: bool) -> Candidate:
     row = log_row(entry, None)
-    known = Candidate(entry.path, row, entry.recorded)
-    facts = Facts.of(entry, row)
+    known, facts = Candidate(entry.path, row, entry.recorded), Facts.of(entry, row)
     try:
         if entry.condition is not LogCondition.COMPLETE:
             check_log(entry.path)  # which says what is wrong with it
         lacking = (each.lacking(facts) for each in conditions)
-        asked = any(each.key == "verdict" for each in conditions)
-        if why := next(filter(None, lacking), None) or _unwanted(row, success, asked):
+        asked = {each.key for each in conditions if each.sign}
+        if why := next(filter(None, lacking), None) or _unwanted(row, asked, failed):
             return known.without(why, wrong=False)
         load_remarks(entry.path)  # of which the list says nothing where they are broken
         log = check_log(entry.path)
@@ -124,23 +104,17 @@ def unreadable(path: Path, error: LogError) -> str:
     return f"cannot be read: {str(error).removeprefix(str(path)).lstrip(': ')}"
 
 
-def _unwanted(row: LogRow, success: Success | None, asked: bool) -> str:
-    """Return why a log is left out that the query would take, empty where it is not. asked: for a verdict."""
-    if row.episode_verdict is EpisodeVerdict.DISCARD and not asked:
+def _unwanted(row: LogRow, asked: set[str], failed: bool) -> str:
+    """Return why a log is left out that the query would take, empty where it is not. asked: keys of the query."""
+    if row.episode_verdict is EpisodeVerdict.DISCARD and "verdict" not in asked:
         return "verdict is discard"
-    if success is Success.ANY or (success is None and (asked or row.episode_verdict is EpisodeVerdict.KEPT)):
+    success = success_of(row)
+    if success or failed or asked & {"success", "verdict"} or row.episode_verdict is EpisodeVerdict.KEPT:
         return ""
-    done = success_of(row)
-    if done is None:
+    if success is None:
         return "no success: it has no result"
-    if done is not (success is not Success.FALSE):
-        reason = (
-            "verdict is failed"
-            if row.episode_verdict is EpisodeVerdict.FAILED
-            else row.outcome.removeprefix("failed: ")
-        )
-        return f"success is {str(done).lower()}: {reason}"
-    return ""
+    why = "verdict is failed" if row.episode_verdict is EpisodeVerdict.FAILED else row.outcome.removeprefix("failed: ")
+    return f"success is false: {why}"
 
 
 def _shape(log: Log) -> frozenset[str]:

@@ -21,6 +21,7 @@ from typing import Any
 from rtstack.log.writing.job import values_of
 from rtstack.log_folder.catalogue import LogEntry
 from rtstack.log_folder.log_rows import LogRow
+from rtstack.log_folder.remarks import EpisodeVerdict
 
 
 class FilterRefused(Exception):
@@ -50,7 +51,11 @@ _HEADED = {
     "lift": "max_lift_mm", "size": "size_mb", "date": DATE,
 }  # fmt: skip
 _SAME = {"verdict": ("verdict", "episode_verdict"), "tags": ("tag",)}  # keys that one word asks for
-_EXAMPLE = {DATE: "a date is UTC as in date>=2026-11-26 or date<2026-11-26T08:30"}
+
+
+def success_of(row: LogRow) -> bool | None:
+    """Return whether a run has succeeded, None where nothing says it: what a person called failed has not."""
+    return False if row.episode_verdict is EpisodeVerdict.FAILED else row.success
 
 
 @dataclass(frozen=True)
@@ -63,10 +68,14 @@ class Facts:
     def of(cls, entry: LogEntry, row: LogRow) -> "Facts":
         """Return what is known of a log, by its entry and its row."""
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
-        pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6), *asdict(row).items()]
-        pairs += [(DATE, entry.recorded), *(("tag", tag) for tag in row.tags)]
+        pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6)]
+        pairs += [
+            *(asdict(row) | {"success": success_of(row)}).items(),
+            (DATE, entry.recorded),
+            *(("tag", tag) for tag in row.tags),
+        ]
         for record in (entry.trial, entry.result):
-            pairs += (record or {}).items()
+            pairs += ((key, value) for key, value in (record or {}).items() if key != "success")
             nested = [value for value in values_of(record).values() if isinstance(value, dict)]
             pairs += [inner for value in nested for inner in value.items()]
         return cls(tuple((key.lower(), value) for key, value in pairs if value is not None))
@@ -113,40 +122,34 @@ class Condition:
         """Whether it asks for a number in a range."""
         return self.sign not in ("", "=")
 
-    def known(self, facts: Facts) -> list[Any]:
-        """Return what a log has that a value is compared with: numbers for a range, else texts."""
+    def values(self, facts: Facts) -> list[Any]:
+        """Return what a log has of the key: numbers for a range, else texts."""
         wanted = _HEADED.get(self.key, self.key)
         if self.is_range:
             exact = [number for key, number in facts.numbers if key == wanted]
             return exact or [number for key, number in facts.numbers if wanted in key]
-        keys = _SAME.get(wanted, (wanted,))
-        return [text for key, text in facts.texts if key in keys]
+        return [text for key, text in facts.texts if key in _SAME.get(wanted, (wanted,))]
 
     def lacking(self, facts: Facts) -> str | None:
         """Return in words why a log does not meet this, None where it does."""
         if not self.sign:
             key, colon, wanted = self.word.partition(":")
-            if any(self.word in text for _, text in facts.texts):
-                return None
-            if colon and key and any(key in name and wanted in text for name, text in facts.texts):
-                return None
-            return f"it has no {self.word}"
-        known = self.known(facts)
-        if not known:
-            return "it has no time of day" if self.key == "date" else f"it has no {self.key}"
-        holds = _SIGNS[self.sign]
-        if any(holds(each, self.number) for each in known) if self.is_range else any(map(self._equals, known)):
+            found = any(self.word in text or (colon and key and key in name and wanted in text)
+                        for name, text in facts.texts)  # fmt: skip
+            return None if found else f"it has no {self.word}"
+        values = self.values(facts)
+        if any(_SIGNS[self.sign](each, self.number) if self.is_range else self._is(each) for each in values):
             return None
-        said = ", ".join(dict.fromkeys(map(str, known[:3])))
-        if self.key == "date":
-            said = ", ".join(text for key, text in facts.texts if key == DATE)
-        return f"{self.key} is {said}, not {self.word.removeprefix(self.key).removeprefix('=')}"
+        shown = [text for key, text in facts.texts if key == DATE] if self.key == "date" else map(str, values)
+        said = ", ".join(dict.fromkeys(shown))
+        name = "time of day" if self.key == "date" else self.key
+        return f"{name} is {said}, not {self.word[len(self.key) :].removeprefix('=')}" if said else f"it has no {name}"
 
-    def _equals(self, text: str) -> bool:
+    def _is(self, text: str) -> bool:
         if self.key == "date":
             return text.startswith(self.value)  # of a day, or an hour
         with contextlib.suppress(ValueError):
-            return float(text) == self.number or text == self.value
+            return float(text) == self.number
         return text == self.value
 
 
@@ -164,8 +167,8 @@ def parsed(query: str) -> list[Condition]:
         if sign in ("<=", ">") and _DAY.fullmatch(found["value"]):
             number += _DAY_S - 1e-6  # a day has ended where the next one begins
         if not key or not found["value"] or (sign != "=" and number != number):
-            text = "a range is a name, a sign and a number without spaces, such as force>30"
-            raise FilterRefused(f"q: {word}: {_EXAMPLE.get(_HEADED.get(key, key), text)}")
+            text = "a range is a name, a sign and a number without spaces, such as force>30 or date>=2026-11-26T08:30"
+            raise FilterRefused(f"q: {word}: {text}")
         conditions.append(Condition(word, key, sign, found["value"], number))
     return conditions
 
@@ -193,7 +196,7 @@ def search(pairs: Sequence[tuple[LogEntry, LogRow]], query: str, outcome: Outcom
     conditions = parsed(query)
     known = [(row, Facts.of(entry, row) if conditions else Facts(())) for entry, row in pairs]
     for each in conditions:
-        if each.is_range and known and each.key != "date" and not any(each.known(facts) for _, facts in known):
+        if each.is_range and known and each.key != "date" and not any(each.values(facts) for _, facts in known):
             raise FilterRefused(
                 f"q: {each.word}: no log has a number {each.key}; try force, lift, shift, seed, size (MB)"
             )

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from rtstack.datasets.export import NothingToExport, export
 from rtstack.datasets.hdf5 import Hdf5
 from rtstack.datasets.lerobot import LeRobot
-from rtstack.datasets.selection import Success, select
+from rtstack.datasets.selection import select
 from rtstack.datasets.zarr import Zarr
 from rtstack.log.errors import LogError
 from rtstack.log_folder.remarks import EpisodeVerdict, Remarks, save_remarks
@@ -49,31 +49,31 @@ def _facts(path: Path) -> dict[str, str | None]:
 
 
 @pytest.mark.parametrize(
-    ("query", "success", "holds"),
+    ("query", "failed", "holds"),
     [
-        ("object=rice_box", Success.ANY, lambda f: f["object"] == "rice_box"),
-        ("object=rice", Success.ANY, lambda f: False),
-        ("tag=figure-5", Success.ANY, lambda f: f["tag"] == "figure-5"),
-        ("operator=anna", Success.ANY, lambda f: f["operator"] == "anna"),
+        ("object=rice_box", True, lambda f: f["object"] == "rice_box"),
+        ("object=rice", True, lambda f: False),
+        ("tag=figure-5", True, lambda f: f["tag"] == "figure-5"),
+        ("operator=anna", True, lambda f: f["operator"] == "anna"),
         (
             'operator="anna b" object=box_060',
-            Success.ANY,
+            True,
             lambda f: (f["operator"], f["object"]) == ("Anna B", "box_060"),
         ),
-        ("date>=2026-11-22", Success.ANY, lambda f: f["utc"] and f["utc"] >= "2026-11-22"),
-        ("date<=2026-11-22", Success.ANY, lambda f: f["utc"] and f["utc"][:10] <= "2026-11-22"),
-        ("date>2026-11-22", Success.ANY, lambda f: f["utc"] and f["utc"][:10] > "2026-11-22"),
-        ("date<2026-11-22T12:00", Success.ANY, lambda f: f["utc"] and f["utc"] < "2026-11-22T12:00"),
-        ("date<2026-11-22T12:00+02:00", Success.ANY, lambda f: f["utc"] and f["utc"] < "2026-11-22T10:00"),
-        ("", Success.FALSE, lambda f: f["verdict"] == "failed" or f["success"] == "false"),
-        ("", Success.TRUE, lambda f: f["verdict"] != "failed" and f["success"] == "true"),
-        ("", None, lambda f: f["verdict"] == "kept" or (f["verdict"] is None and f["success"] == "true")),
+        ("date>=2026-11-22", True, lambda f: f["utc"] and f["utc"] >= "2026-11-22"),
+        ("date<=2026-11-22", True, lambda f: f["utc"] and f["utc"][:10] <= "2026-11-22"),
+        ("date>2026-11-22", True, lambda f: f["utc"] and f["utc"][:10] > "2026-11-22"),
+        ("date<2026-11-22T12:00", True, lambda f: f["utc"] and f["utc"] < "2026-11-22T12:00"),
+        ("date<2026-11-22T12:00+02:00", True, lambda f: f["utc"] and f["utc"] < "2026-11-22T10:00"),
+        ("success=false", False, lambda f: f["verdict"] == "failed" or f["success"] == "false"),
+        ("success=true", False, lambda f: f["verdict"] != "failed" and f["success"] == "true"),
+        ("", False, lambda f: f["verdict"] == "kept" or (f["verdict"] is None and f["success"] == "true")),
     ],
 )
-def test_a_query_takes_what_the_logs_themselves_say(folder: Path, query: str, success: Success | None, holds) -> None:
+def test_a_query_takes_what_the_logs_themselves_say(folder: Path, query: str, failed: bool, holds) -> None:
     paths = sorted(folder.glob("*.mcap"))
     wanted = [path for path in paths if (facts := _facts(path))["verdict"] != "discard" and holds(facts)]
-    found = select([folder], query, success)
+    found = select([folder], query, failed)
     assert [each.path for each in found] == paths
     assert [each.path for each in found if not each.why] == wanted
 
@@ -136,10 +136,10 @@ def test_what_is_left_out_is_in_the_data_set_and_nothing_is_written_on_a_dry_run
         assert [each["log"] for each in told[name]] == ["b.mcap", "c.mcap"]
     with h5py.File(tmp_path / "data.h5") as file:
         assert json.loads(file.attrs["left_out"]) == told["h5"]
-        assert file.attrs["selection"] == "object=rice_box success=true"
+        assert (file.attrs["selection"], file.attrs["failed"]) == ("object=rice_box", False)
     assert zarr.open_group(str(tmp_path / "data.zarr"), mode="r")["meta"].attrs["left_out"] == told["zarr"]
     kept = json.loads((tmp_path / "data.lerobot" / "meta" / "left_out.json").read_text())
-    assert kept == {"selection": "object=rice_box success=true", "left_out": told["lerobot"]}
+    assert kept == {"selection": "object=rice_box", "failed": False, "left_out": told["lerobot"]}
 
 
 def test_failed_runs_are_taken_where_they_are_asked_for_and_say_so(write_short, tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_failed_runs_are_taken_where_they_are_asked_for_and_say_so(write_short, 
     fault = ("fault", {"end": "safety", "detail": "a pad pushed with 260 N"})
     write_short("b.mcap", trial, {"success": "false", "failure_reason": "safety: 260 N"}, more=[fault])
     save_remarks(tmp_path / "logs" / "a.mcap", Remarks(verdict=EpisodeVerdict.FAILED, tags=("slow",)))
-    export([tmp_path / "logs"], tmp_path / "data.h5", Hdf5(), success=Success.ANY)
+    export([tmp_path / "logs"], tmp_path / "data.h5", Hdf5(), failed=True)
     with h5py.File(tmp_path / "data.h5") as file:
         first, second = (dict(group.attrs) for group in file.values())
     assert (first["success"], first["episode_verdict"], first["tags"]) == ("false", "failed", "slow")
@@ -160,14 +160,14 @@ def test_where_nothing_is_left_it_is_one_line(write_short, tmp_path: Path, comma
     write_short("a.mcap", {"kind": "trial"}, {"success": "false", "failure_reason": "dropped"})
     with pytest.raises(NothingToExport, match=r"a\.mcap: success is false: dropped$"):
         export([tmp_path / "logs"], tmp_path / "data.h5", Hdf5())
-    with pytest.raises(LogError, match="a date is UTC as in"):
+    with pytest.raises(LogError, match="q: date>=yesterday: a range is"):
         select([tmp_path / "logs"], "date>=yesterday")
     done = command_line("export", "--to", "hdf5", "logs", "data.h5", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.splitlines()[-1].startswith("rtstack: there is nothing to export: logs/a.mcap: success is false")
     write_short("b.mcap", {"kind": "trial", "object": "x"}, {"success": "true"}, "2026-11-26T10:00:00.000000Z")
-    asked = ("--from", "2026-11-26", "--until", "2026-11-26", "--object", "x", "--kind", "trial")
-    done = command_line("export", "--to", "zarr", "logs", "data", *asked, "--dry-run", cwd=tmp_path)
+    asked = "date>=2026-11-26 date<=2026-11-26 object=x kind=trial"
+    done = command_line("export", "--to", "zarr", "logs", "data", "--filter", asked, "--dry-run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "no: it has no time of day" in done.stdout
     assert "would write data: 1 episode, 1 left out" in done.stdout

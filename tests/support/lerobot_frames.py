@@ -6,6 +6,7 @@ python lerobot_frames.py DATASET OUT.npz
 import sys
 from typing import Any
 
+import lerobot  # pyright: ignore[reportMissingImports]
 import numpy as np
 import torch  # pyright: ignore[reportMissingImports]
 from lerobot.datasets.lerobot_dataset import LeRobotDataset  # pyright: ignore[reportMissingImports]
@@ -29,6 +30,10 @@ def main(folder: str, out: str) -> None:
         task=[each["task"] for each in frames],
         success=[each["success"] for each in dataset.meta.episodes],
         action_of_two=ahead[0]["action"].numpy(),
+        timestamp=[float(each["timestamp"]) for each in frames],
+        utc_ns=[int(each["timing.utc_ns"]) for each in frames],
+        mean_state=dataset.meta.stats["observation.state"]["mean"],
+        version=lerobot.__version__,
         **fields,
     )
 
