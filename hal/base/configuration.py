@@ -157,7 +157,9 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
         *loc, value = error.args
         key = ".".join(map(str, loc))
         place = place_of(source, text, loc)
-        raise ConfigurationError(one_line(f"{place}: key {key}: {value}, expected a finite number")) from None
+        raise ConfigurationError(
+            one_line(f"{place}: key {key}: Input should be a finite number, found {value}")
+        ) from None
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits cannot be written
         raise ConfigurationError(one_line(f"{source}: {error}")) from None
 

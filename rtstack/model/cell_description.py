@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml, place_of
+from hal.base.configuration import (
+    STRICT,
+    ConfigurationError,
+    NotNegative,
+    Positive,
+    load_toml,
+    one_line,
+    place_of,
+    read_file,
+)
 from hal.clock_relation import ClockRelation
 from hal.pad import Pad, Quaternion, Vector
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
@@ -48,8 +57,8 @@ class ArmMounting:
     """
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
-    base_position: tuple[float, float, float]
-    base_orientation_wxyz: tuple[float, float, float, float]
+    base_position: Vector
+    base_orientation_wxyz: Quaternion
     home: tuple[float, float, float, float, float, float, float]
     model: str = DEFAULT
     desk: Annotated[str, Field(pattern=r"^([A-Za-z0-9.-]+(:\d{1,5})?)?$")] = ""
@@ -140,7 +149,7 @@ class TrackerDescription:
     def request(self, object_name: str, robot_clock: ClockRelation) -> TrackerRequest:
         """Return what the tracker is opened with; see hal.tracker.TrackerRequest. Raises ValueError as `frames`."""
         host, _, port = self.address.rpartition(":")
-        body = self.bodies.get(object_name)
+        body = self.bodies.get(object_name) if object_name else next(iter(self.bodies.values()), None)
         clock: Clock = _CLOCKS.get(self.kind, self.clock)
         age_ms = self.largest_age_ms or (math.inf if clock == "robot" else LARGEST_AGE_MS)
         return TrackerRequest(
@@ -413,8 +422,8 @@ def load_cell_description(path: Path) -> CellDescription:
         except ValueError as error:
             words = f"{key}{error}"
             name = re.match(r"[\w.]+", words)
-            place = place_of(str(path), path.read_text(encoding="utf-8"), name[0].split(".") if name else ())
-            raise ConfigurationError(f"{place}: key {words}") from None
+            place = place_of(str(path), read_file(path), name[0].split(".") if name else ())
+            raise ConfigurationError(one_line(f"{place}: key {words}")) from None
     if description.joint_friction is not None:
         description = replace(description, joint_friction=path.resolve().parent / description.joint_friction)
     return description

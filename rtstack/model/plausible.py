@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hal.pad import Pad
+from rtstack.safety.body import rotation_from_quaternion
 from rtstack.safety.guided import standing
 from rtstack.safety.limits import hardware_limits
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 _FAR_M, _LARGE_M, _HIGH_M, _PAD_M = 5.0, 1.0, 2.0, 0.5
 _HEAVY_KG, _PAD_KG = 20.0, (0.01, 5.0)
-_UNIT = 0.01  # a quaternion's length may be so far from 1: it was rounded
+_REACH_M, _SHOULDER_M = 1.0, 0.333  # from a shoulder, with a pad; the shoulder above the base
 _APART_M = 0.1
 _BOX = ("ee_lower", "ee_upper")
 _OUTSIDE_M = 0.1  # a calibration moves a base by some cm, another unit, order or side by more
@@ -36,9 +37,6 @@ def check_plausible(description: "CellDescription") -> None:
     for key, pad in _pads(description):
         if not _PAD_KG[0] <= pad.mass <= _PAD_KG[1]:
             raise ValueError(f"{key}.mass: {pad.mass:g} kg is not between {_PAD_KG[0]:g} and {_PAD_KG[1]:g} kg")
-    for side, arm in description.mountings.items():
-        if not abs(np.linalg.norm(arm.base_orientation_wxyz) - 1.0) <= _UNIT:
-            raise ValueError(f"{side}.base_orientation_wxyz: not of length 1: give w, x, y, z of a unit quaternion")
     places = [arm.base_position for arm in description.arms]
     if len(places) == 2 and np.linalg.norm(np.array(places[0]) - np.array(places[1])) < _APART_M:
         raise ValueError("right.base_position: both bases are in one place")
@@ -58,12 +56,25 @@ def _lengths(description: "CellDescription") -> Iterator[tuple[str, Any, float]]
     yield "table.top_z", table.top_z, _HIGH_M
     yield from ((f"safety.{key}", description.safety[key], _FAR_M) for key in _BOX if key in description.safety)
     yield from ((f"objects.{name}.size", thing.size, _LARGE_M) for name, thing in description.objects.items())
+    tracker = description.tracker
+    yield "tracker.position", tracker.position, _FAR_M
+    yield from ((f"tracker.bodies.{name}.position", body.position, _FAR_M) for name, body in tracker.bodies.items())
+    yield from ((f"cameras.{name}.position", camera.position, _FAR_M) for name, camera in description.cameras.items())
     for key, pad in _pads(description):
+        yield f"{key}.offset_xy", pad.offset_xy, _PAD_M
         yield from ((f"{key}.size", pad.size, _PAD_M), (f"{key}.flange_to_face", pad.flange_to_face, _PAD_M))
 
 
 def _check_home(description: "CellDescription") -> None:
-    """Refuse bases from which the pads are, at home, outside of their box or in the table."""
+    """Refuse a table beyond the reach of the arms, and bases from which the pads are, at home, outside of their box or
+    in the table."""
+    for base, arm in zip(description.bases, description.arms, strict=True):
+        shoulder = base.position[2] + _SHOULDER_M * rotation_from_quaternion(np.array(arm.base_orientation_wxyz))[2, 2]
+        if abs(description.table.top_z - shoulder) > _REACH_M:
+            raise ValueError(
+                f"table.top_z: {description.table.top_z:g} m is out of the reach of an arm whose shoulder is at "
+                f"{shoulder:.3g} m"
+            )
     limits = tuple(hardware_limits(model).tightened(description.safety) for model in description.robots)
     faces = standing(description.home, description.bases, description.tools, limits).face
     table, half = description.table, np.array(description.table.size_xy) / 2

@@ -49,6 +49,16 @@ UPRIGHT, XYZW, LONG = (
         ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, -0.9, 0.0]", "left.base_position"),
         ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, 0.5, -0.3]", "left.base_position"),
         ("top_z = 0.2", "top_z = 200.2", "table.top_z"),
+        *(
+            ("top_z = 0.2", f"top_z = {z}", "table.top_z")
+            for z in ("-1", "-0.9", "1.5", "nan", "-inf", "1e400", "9" * 400)
+        ),
+        *(("power_max = 100.0", f"power_max = {x}", "safety.power_max") for x in ("8" * 400, "inf", "nan", '"1,5"')),
+        ("ee_speed_max = 1.0", f"ee_speed_max = 1{'0' * 400}", "safety.ee_speed_max"),
+        ("[tracker]", "[tracker]\nposition = [620.0, 0.0, 0.0]", "tracker.position"),
+        ("mass = 0.35", "mass = 0.35\noffset_xy = [3.0, 0.0]", "pad.offset_xy"),
+        ("flange_to_face = 0.03", "flange_to_face = nan", "pad.flange_to_face"),
+        (f"{LEFT}\n{UPRIGHT}", f"{LEFT}\nbase_orientation_wxyz = [0.9, 0.1, 0.0, 0.0]", "left.base_orientation_wxyz"),
         ("mass = 0.35", "mass = 350.0", "pad.mass"),
         ("mass = 0.35", "mass = 0.0", "pad.mass"),
         ("size = [0.1, 0.1, 0.03]", "size = [100.0, 0.1, 0.03]", "pad.size"),
@@ -103,3 +113,40 @@ def test_the_cells_gains_count_and_nothing_else_changes(tmp_path: Path):
     assert control.posture_gain == published.posture_gain
     plain = cell_parameters(load_cell_description(default_cell_file())).control
     np.testing.assert_array_equal(plain.stiffness, published.stiffness)
+
+
+def test_a_quaternion_s_length_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"left\.base_orientation_wxyz: .*not one of norm 2"):
+        load_cell_description(written(tmp_path, TEXT.replace(UPRIGHT, LONG, 1)))
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "cell.toml").write_text(text, encoding="utf-8")
+    return folder / "cell.toml"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (".".join(["a"] * 50_000) + " = 1\n" + TEXT, r"cell\.toml:1: not valid TOML: a key has more than 32"),
+        (TEXT + "\n[" + ".".join(['"a b"'] * 50_000) + "]\n", r"cell\.toml:\d+: .*a key has more than 32"),
+        ("x = {" + " . ".join(["b"] * 50_000) + " = 1}\n" + TEXT, r"cell\.toml:1: not valid TOML: a key has more than"),
+        ("x = " + "[" * 50_000, "recursion"),
+        ("#" * 5_000_000 + TEXT, "larger than 4 MB"),
+        (TEXT.replace('name = "grab"', f'name = "grab"\nnote = "{"x" * 100_000}"'), "key note"),
+        (TEXT.replace('name = "grab"', f'name = "grab"\n{"k" * 100_000} = 1'), r"key kkk.*\.\.\.k+: "),
+        (TEXT.replace("power_max = 100.0", f'power_max = "{"9" * 100_000}"'), r"safety\.power_max"),
+        (TEXT.replace("top_z = 0.2", "top_z = 0,2"), r"cell\.toml:\d+: .*; 0,2 has a decimal comma: write 0\.2"),
+        (TEXT.replace(LEFT, "base_position = [-0,4, 0,5, 0,0]"), r"base_position: .*; -0,4 has a decimal comma"),
+    ],
+)  # fmt: skip
+def test_a_file_of_any_size_is_refused_in_one_short_line(tmp_path: Path, text: str, complaint: str) -> None:
+    with pytest.raises(ConfigurationError, match=complaint) as caught:
+        load_cell_description(written(tmp_path, text))
+    assert len(str(caught.value)) < 800
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("change", [lambda text: "\ufeff" + text, lambda text: text.replace("\n", "\r\n")])
+def test_a_byte_order_mark_and_line_ends_change_nothing(tmp_path: Path, change) -> None:
+    assert load_cell_description(written(tmp_path, change(TEXT))) == load_cell_description(written(tmp_path, TEXT))
