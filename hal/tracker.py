@@ -125,7 +125,11 @@ class TrackerRequest:
 
 
 class ClosableTracker(ObjectTracker, Protocol):
-    """A tracker that a cell has opened, and closes."""
+    """A tracker that a cell has opened, and closes.
+
+    It may also have `trouble(about: bool) -> str`: in one line what keeps it from showing the object, and what to do,
+    as the end of a sentence that begins with its address; "" for nothing. about: the run is about an object.
+    """
 
     def close(self) -> None:
         """Stop listening. Never raises."""

@@ -42,19 +42,22 @@ def _turned(q, v, out):
     out[2] = v[2] + 2.0 * (w * cz + x * cy - y * cx)
 
 
+_SIZE, _UNIT, _FAR, _TIME, _ORDER = range(1, 6)  # what is wrong with the last datagram; 0: nothing
+
+
 @compiled
-def _is_pose(datagram):
-    """Whether a datagram is a pose."""
+def _wrong_with(datagram):
+    """Return what makes a datagram no pose, 0 for nothing."""
     d = datagram[0]
     squares = 0.0
     for i in range(4):
         squares += d.orientation_wxyz[i] ** 2
     if not abs(math.sqrt(squares) - 1.0) <= _UNIT_TOLERANCE:
-        return False
+        return _UNIT
     far = False
     for i in range(3):
         far |= not abs(d.position[i]) <= _FAR_M
-    return not far
+    return _FAR if far else 0
 
 
 @compiled
@@ -120,7 +123,8 @@ class TrackerLink:
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
         self._datagram = np.zeros(1, OBJECT_POSE)
         self._overlong = bytearray(DATAGRAM.itemsize + 1)
-        self._is_pose, self._place = bound(_is_pose, self._datagram), self._placer()
+        self._wrong, self._size, self._last_ns = 0, 0, -1 << 63  # of the last datagram; its time
+        self._wrong_with, self._place = bound(_wrong_with, self._datagram), self._placer()
 
     def _placer(self) -> Callable[[], None]:
         frames = self._frames
@@ -139,38 +143,56 @@ class TrackerLink:
         """Return the newest pose that has arrived, without blocking. A datagram that is no pose is ignored."""
         with contextlib.suppress(BlockingIOError):
             while True:
-                if self._socket.recv_into(self._overlong) == DATAGRAM.itemsize:
+                self._size = self._socket.recv_into(self._overlong)
+                self._wrong = _SIZE
+                if self._size == DATAGRAM.itemsize:
                     self._datagram.view(DATAGRAM).view(np.uint8)[:] = self._overlong[:-1]
-                    self._take()
+                    self._wrong = self._take()
         given = self._given.record
         given[:] = self._seen.record
         if self._is_old():
             given["seen"] = 0
         return self._given
 
-    def _take(self) -> None:
+    def trouble(self, _about: bool) -> str:
+        """See hal.tracker.ClosableTracker: what was wrong with the last datagram."""
+        d, wxyz = self._datagram[0], self._datagram["orientation_wxyz"][0]
+        p = ", ".join(f"{x:.4g}" for x in d["position"])
+        size, most = min(self._size, DATAGRAM.itemsize), DATAGRAM.itemsize
+        return {
+            _SIZE: f"sends datagrams of {'more' if self._size > most else size} bytes, expected {most}: "
+            "a record of hal.tracker.OBJECT_POSE",
+            _UNIT: f"sends a quaternion wxyz of length {np.linalg.norm(wxyz):.3g}, expected 1",
+            _FAR: f"sends a place at {p} m, further than {_FAR_M:g} m: expected m, not mm",
+            _TIME: f"sends poses with the time {d['t_ns']} ns, which is not now by its clock: correct [tracker] clock",
+            _ORDER: f"sends poses whose time does not go on ({d['t_ns']} ns): its clock or its frames stand still",
+        }.get(self._wrong, "")
+
+    def _take(self) -> int:
+        """Take a datagram. Returns what is wrong with it, 0 for nothing."""
         robot, t_ns = self._robot, int(self._datagram["t_ns"][0])
-        now_ns = time.monotonic_ns()
-        if not self._is_pose():
-            return
+        now_ns, before_ns, self._last_ns = time.monotonic_ns(), self._last_ns, t_ns
+        if wrong := self._wrong_with():
+            return wrong
         if self._times.clock != "robot" and (robot is None or not robot.known):
-            return  # no state of an arm has come yet, and no trial runs
+            return 0  # no state of an arm has come yet, and no trial runs
         if self._times.clock in ("own", "host"):
             exposed_ns, steps = t_ns, 0
             if self._times.clock == "own":
                 self.tracker_clock.update(t_ns, now_ns)
                 if not self.tracker_clock.sure:
-                    return  # seen, but when?
+                    return 0 if t_ns > before_ns else _ORDER  # seen, but when?
                 exposed_ns, steps = self.tracker_clock.b_of(t_ns), self.tracker_clock.resets
             if not now_ns - _LATEST_NS <= exposed_ns <= now_ns + _EARLY_NS:
-                return  # of another time
+                return _TIME  # of another time
             if t_ns <= self._newest[0] and steps == self._newest[1]:
-                return  # overtaken on the way
+                return _ORDER  # overtaken on the way
             self._newest, now_ns = (t_ns, steps), exposed_ns
         self._place()
         if robot is not None and self._times.clock != "robot":
             t_ns = robot.a_of(now_ns - self._latency_ns)
         self._seen.record["t_ns"] = t_ns
+        return 0
 
     def _is_old(self) -> bool:
         """Whether the object was seen too long ago."""

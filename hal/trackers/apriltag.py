@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
 from hal.tracker import TagCamera, TrackerRequest
-from hal.trackers.process import PoseSender, TrackerProcess, ready
+from hal.trackers.process import PoseSender, TrackerProcess, note, ready
 
 PICTURE = struct.Struct("<qii")  # in front of a grey picture that a program sends: time.monotonic_ns, width, height
 _LONGEST_STAMP_S = 1.0  # a driver's stamp that is further from now is of another clock
@@ -169,8 +169,13 @@ def watch(camera: TagCamera, tag: int, listener: tuple[str, int]) -> None:
     find, sender = detector(camera), PoseSender(listener)
     pictures = _sent if camera.source.startswith("unix:") else _filmed
     for stamp_ns, picture in pictures(camera):
-        T = find(picture).get(tag)
-        if T is not None:
+        found = find(picture)
+        T = found.get(tag)
+        if T is None:
+            there = ", ".join(map(str, sorted(found))) or "none"
+            note(f"shows no tag {tag} of family {camera.family} in its pictures; tags found: {there}", body=True)
+        else:
+            note("")
             sender.send(stamp_ns, T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
 
 
@@ -180,10 +185,12 @@ def main() -> None:
     camera, said = TagCamera(**json.loads(described)), ""
     detector(camera)
     ready()
+    note("has sent no picture yet: look at the program or the camera that sends them")
     while True:
         try:
             watch(camera, int(tag), (host, int(port)))
         except OSError as error:
+            note(f"gives no pictures: {error}; look at [tracker.camera] source and at the camera")
             if str(error) != said:
                 said = str(error)
                 print(f"camera {camera.source}: {said}; trying again", file=sys.stderr, flush=True)

@@ -15,11 +15,12 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from hal.tracker import TrackerRequest
-from hal.trackers.process import PoseSender, TrackerProcess, ready
+from hal.trackers.process import PoseSender, TrackerProcess, note, ready
 
 CONNECT, SERVER_INFO, FRAME_OF_DATA, KEEP_ALIVE = 0, 1, 7, 10
 DATA_PORT = 1511
@@ -28,6 +29,8 @@ _RIGID_BODY = struct.Struct("<i3f4ffh")  # id, position, quaternion xyzw, mean e
 _TRACKED = 1  # of its parameters
 _LABELED_MARKER_BYTES = 26  # id, position, size, parameters, residual
 _AGAIN_S = 1.0
+_GRACE_S = 0.3  # to answer, to begin a stream
+_STILL = 10  # frames of one number, or with one time stamp, one after the other
 _SILENT_S = 3.0  # a server that has sent nothing for so long does not know this client, or not any more
 
 
@@ -94,19 +97,31 @@ def version_in(message: bytes) -> tuple[int, int]:
     """Return NatNet's major and minor version of a server's information. Raises NatNetError."""
     name, versions = 256, 8  # the application's name; its version and NatNet's, four bytes each
     if len(message) < 4 + name + versions:
-        raise NatNetError("it ends too early")
+        raise NatNetError("answers with what is no server information of NatNet: is Motive at this address?")
     major, minor = message[4 + name + 4 : 4 + name + 6]
     if not 3 <= major <= 4:
-        raise NatNetError(f"NatNet {major}.{minor}: this client knows 3 and 4")
+        raise NatNetError(
+            f"speaks NatNet {major}.{minor}, and 3.0 to 4.x are read: use a Motive that speaks one of them"
+        )
     return major, minor
 
 
-def frame_of(message: bytes, version: tuple[int, int]) -> tuple[float, dict[int, tuple[float, ...]]]:
-    """Return the time stamp of a frame of data, s since Motive has begun, and the bodies that are tracked in it: of
-    each number the position, m, and the quaternion xyzw, in Motive's frame. A number that two bodies have is none.
-    Raises NatNetError."""
+class Frame(NamedTuple):
+    """A frame of data: its time stamp, s since Motive has begun; of the tracked bodies, by their numbers, position, m,
+    and quaternion xyzw, in Motive's frame; the numbers of all bodies; its own. Two bodies of a number are not tracked.
+    """
+
+    stamp_s: float
+    bodies: dict[int, tuple[float, ...]]
+    numbers: set[int]
+    number: int
+
+
+def frame_of(message: bytes, version: tuple[int, int]) -> Frame:
+    """Take a frame of data apart. Raises NatNetError."""
     reader = _Reader(message, version)
-    reader.skip(4 + 4)  # message, size; the frame's number
+    reader.skip(4)  # message, size
+    frame_number = reader.whole()
     if not reader.skip_list():
         for _ in reader.listed():  # marker sets
             reader.text()
@@ -138,7 +153,7 @@ def frame_of(message: bytes, version: tuple[int, int]) -> tuple[float, dict[int,
                     reader.skip(4 * reader.count())
     reader.skip(8)  # time code
     (stamp,) = reader.take(_DOUBLE)
-    return stamp, bodies
+    return Frame(stamp, bodies, numbers, frame_number)
 
 
 class _Client:
@@ -148,6 +163,10 @@ class _Client:
         self._server, self._body, self._sender = server, body, PoseSender(listener)
         self._version: tuple[int, int] | None = None
         self._heard_s = 0.0
+        self._began_s, self._framed_s = time.monotonic(), 0.0  # the last frame that could be read
+        self._wrong = ""  # with the last message of the server
+        self._frame, self._still = Frame(-1.0, {}, set(), -1), 0
+        self._multicast, self._noted = multicast, ""
         self._asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._sockets = [self._asking]
         if multicast:
@@ -168,12 +187,49 @@ class _Client:
             if time.monotonic() - asked_s >= _AGAIN_S:
                 asked_s = time.monotonic()
                 self._ask()
-            for filled in select.select(self._sockets, [], [], _AGAIN_S / 2)[0]:
-                with contextlib.suppress(OSError, NatNetError):
+            for filled in select.select(self._sockets, [], [], _GRACE_S / 3)[0]:
+                with contextlib.suppress(OSError):
                     message, (host, _) = filled.recvfrom(65536)
                     if host == self._server[0]:  # a second Motive sends to the same group
                         self._heard_s = time.monotonic()
-                        self._take(message)
+                        self._try_to_take(message)
+            if (found := self._finding()) != self._noted:
+                self._noted = found
+                note(found, body=found.startswith("shows"))
+
+    def _try_to_take(self, message: bytes) -> None:
+        try:
+            self._take(message)
+            self._wrong = ""
+        except NatNetError as error:
+            version = (
+                "" if self._version is None else f"sends messages of NatNet {'.'.join(map(str, self._version))} that "
+            )
+            self._wrong = f"{version}cannot be read: {error}" if version else str(error)
+
+    def _finding(self) -> str:
+        """Return what is wrong and what to do, "" for nothing; "shows" begins what is about the body alone."""
+        now_s, frame = time.monotonic(), self._frame
+        if self._wrong or now_s - self._began_s < _GRACE_S:
+            return self._wrong
+        if self._version is None:
+            return "does not answer: start Motive with streaming on, and look at address, network and firewall (UDP)"
+        if now_s - self._framed_s > 2.0 * _GRACE_S:
+            where = f"the group {self._multicast}" if self._multicast else "this host (unicast)"
+            return (
+                f"speaks NatNet {'.'.join(map(str, self._version))} and sends no frames to {where}: look at Motive's "
+                "streaming, at multicast under [tracker], and at the firewall (UDP)"
+            )
+        if self._still >= _STILL:
+            return (
+                f"sends frame {frame.number} at {frame.stamp_s:.3f} s again and again: Motive is paused, start it again"
+            )
+        if self._body not in frame.bodies:
+            there = ", ".join(map(str, sorted(frame.numbers)[:20])) or "none"
+            if self._body in frame.numbers:
+                return f"shows body {self._body}, and does not track it: uncover its markers; bodies found: {there}"
+            return f"shows no body of streaming ID {self._body}: correct [tracker.bodies]; bodies found: {there}"
+        return ""
 
     def _ask(self) -> None:
         """Connect; once connected, say regularly that this client is there: a server ends a silent one. One that was
@@ -191,8 +247,10 @@ class _Client:
         if kind == SERVER_INFO:
             self._version = version_in(message)
         elif kind == FRAME_OF_DATA and self._version is not None:
-            stamp_s, bodies = frame_of(message, self._version)
-            pose = bodies.get(self._body)
+            before, frame = self._frame, frame_of(message, self._version)
+            self._frame, self._framed_s, stamp_s = frame, time.monotonic(), frame.stamp_s
+            self._still = self._still + 1 if frame.number == before.number or stamp_s == before.stamp_s else 0
+            pose = frame.bodies.get(self._body)
             if pose is not None and np.isfinite(stamp_s) and abs(stamp_s) < 1e9:
                 self._sender.send(round(1e9 * stamp_s), pose[:3], (pose[6], *pose[3:6]))
 

@@ -3,11 +3,13 @@
 import contextlib
 import ctypes
 import errno
+import os
 import select
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,6 +29,19 @@ def ready() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal: who has started it ends it
     print(flush=True)
+
+
+_NOTE_BYTES = 400
+
+
+def note(text: str, body: bool = False) -> None:
+    """In the process: keep what stands between the tracker and the object, "" for nothing; see hal.tracker.
+    ClosableTracker. body: it counts for a run that is about the object alone.
+
+    It stands in the file that is this process's standard input, over the last one: nothing waits for a reader.
+    """
+    written = (" " if body else "") + text
+    os.pwrite(0, written.encode()[:_NOTE_BYTES].ljust(_NOTE_BYTES, b"\0"), 0)
 
 
 class PoseSender:
@@ -55,7 +70,8 @@ class TrackerProcess:
     def __init__(self, request: TrackerRequest, module: str, *arguments: str) -> None:
         self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
         command = [sys.executable, "-m", module, *arguments, *map(str, self._link.address)]
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+        self._note = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+        self._process = subprocess.Popen(command, stdin=self._note, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
         with self._process.stdout as said:
             if not (select.select([said], [], [], _READY_S)[0] and said.readline()):
@@ -66,6 +82,13 @@ class TrackerProcess:
         """Return the newest pose, see hal.tracker_link.TrackerLink."""
         return self._link.latest()
 
+    def trouble(self, about: bool) -> str:
+        """See hal.tracker.ClosableTracker."""
+        if self._process.poll() is not None:
+            return f"is not read any more: its process has ended with {self._process.returncode}; begin again"
+        text = os.pread(self._note.fileno(), _NOTE_BYTES, 0).rstrip(b"\0").decode(errors="replace")
+        return (text.strip() if about or not text.startswith(" ") else "") or self._link.trouble(about)
+
     def close(self) -> None:
         """End the process."""
         self._process.terminate()
@@ -73,4 +96,5 @@ class TrackerProcess:
             self._process.wait(_END_S)
         self._process.kill()
         self._process.wait()
+        self._note.close()
         self._link.close()

@@ -19,9 +19,10 @@ from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.log.analysis.lateness import Blame, Lateness
 from rtstack.loop.session import StopSignal
-from rtstack.model.cell_description import CellDescription
+from rtstack.model.cell_description import NO_TRACKER, CellDescription
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import free_name
+from rtstack.trials.sight import trouble_of
 
 LINK_TICKS = 10_000
 GOOD_LATE_SHARE = 1e-3  # ours: with them at random, 20 in a row never come
@@ -53,7 +54,7 @@ def link_findings(
         opened = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file, led=True)
         record = _record(logs) if hold.needed else None
         with closing(opened) as cell, interruptible() as stop, hold.held(what, stop):
-            found = held_findings(cell, ticks, description, stop, record)
+            found = [_tracker(cell, description), *held_findings(cell, ticks, description, stop, record)]
         if sign is not None and not any(each.verdict == "fail" for each in found):
             values = {each.name: f"{each.verdict}: {each.value}" for each in found}
             firmware = {side: state.version for side, state in box_states(description).items()}
@@ -76,6 +77,15 @@ def link_findings(
         return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
     except HardwareError as error:
         return [_ended(error)]
+
+
+def _tracker(cell: Cell, description: CellDescription) -> Finding:
+    """Judge what the tracker sends: required is that it can be read; an object need not be there."""
+    unreadable = trouble_of(cell, description, "")
+    said = unreadable or trouble_of(cell, description, next(iter(description.objects)))
+    kind, cost = description.tracker.kind, "a run about an object is refused before the arms move"
+    value = said or f"{kind} at {description.tracker.address} is read" * (kind != NO_TRACKER) or NO_TRACKER
+    return finding("tracker", value, not said, cost, "docs/howto/tracker.md", required=bool(unreadable))
 
 
 def _record(logs: Path) -> Path:

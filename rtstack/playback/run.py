@@ -30,8 +30,9 @@ from rtstack.trials.result import PlaybackResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import failure_reason
+from rtstack.trials.sight import object_before
 from rtstack.trials.specification import FASTEST, SLOWEST, PlaybackSpecification, like
-from rtstack.trials.start_motion import StartMotion, object_before, start_motion
+from rtstack.trials.start_motion import StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
 # of a joint from where the log begins, where the arms cannot go there first: a spring of 2000 N/m then pulls with less

@@ -23,6 +23,7 @@ from rtstack.trials.record import RunLog, TrialLog, open_log
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.shadow import shadow_of
+from rtstack.trials.sight import check_sight
 from rtstack.trials.start_motion import StartMotion, start_motion
 
 R = TypeVar("R", bound=Result)
@@ -34,10 +35,11 @@ class PreparedRun(Generic[R]):
     """A run whose specification was read and checked; no cell and no log is open yet. Base of all kinds of run.
 
     keeps_open_cell: it runs on the cell as it is, with what the pads hold. led: a person leads the arms, whose geometry
-    need not have been measured.
+    need not have been measured. watched: the tracker has to be readable.
     """
 
     keeps_open_cell: ClassVar[bool] = False
+    watched: ClassVar[bool] = True
     led: ClassVar[bool] = False
     specification: Any
     description: CellDescription
@@ -140,6 +142,8 @@ def carry_out(run: PreparedRun[R], host: Host) -> R:
             cell = shadow_of(cell)
         if said := run.look(cell):
             host.warn(said)
+        if run.watched and not (run.led or run.shadow):
+            check_sight(cell, run.description, getattr(run.specification, "object", ""))
         way = None if run.shadow else run.start_motion(cell)
         with host.accompany(run, cell) as context:
             _count_down(run, context, host.announce)

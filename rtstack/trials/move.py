@@ -30,8 +30,9 @@ from rtstack.trials.result import GuideResult, MoveResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
+from rtstack.trials.sight import object_before
 from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification, like
-from rtstack.trials.start_motion import MeasuredPoints, StartMotion, object_before
+from rtstack.trials.start_motion import MeasuredPoints, StartMotion
 from rtstack.trials.tightening import limits_of_arms
 
 HELD_N = 5.0  # on both pads, away from each other: the impact detector's force_high
@@ -56,6 +57,7 @@ class PreparedMove(PreparedRun[MoveResult]):
     """A motion from where the arms of the open cell are. let_fall: it may open above the table, too."""
 
     keeps_open_cell: ClassVar[bool] = True
+    watched: ClassVar[bool] = False  # a load is put down also where no tracker sees it
     specification: MoveSpecification
     let_fall: bool = False
 

@@ -26,8 +26,9 @@ from rtstack.trials.result import PlacementResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import failure_reason
+from rtstack.trials.sight import object_before
 from rtstack.trials.specification import PlacementSpecification, like
-from rtstack.trials.start_motion import StartMotion, blocked_start, object_before, start_motion
+from rtstack.trials.start_motion import StartMotion, blocked_start, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
 NEAR_MM, NEAR_DEG = 5.0, 2.0  # an object that stands nearer is where it is wanted: a person with a ruler does no better

@@ -4,7 +4,6 @@ Only what a cell description knows is looked at: the pads must stay clear of tab
 links of the table and of the other arm. The arms follow the way under torque, with the judge (rtstack.trials.run).
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import atan2
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from hal.cell import LEFT, RIGHT, Cell
+from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.limits import CONTROL_PERIOD_S
 from hal.tracker import ObjectPose
@@ -24,7 +23,7 @@ from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
-from rtstack.model.cell_description import NO_TRACKER, CellDescription, ObjectDescription, StartMotionLimits
+from rtstack.model.cell_description import CellDescription, ObjectDescription, StartMotionLimits
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.model.rotation import log_so3
 from rtstack.safety.guided import reaching, standing
@@ -32,31 +31,10 @@ from rtstack.safety.limits import CONTROL_PAD_SPEED_FRACTION, PairLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
+from rtstack.trials.sight import check_place, object_before
 from rtstack.trials.tightening import limits_of_arms
 
 REFUSED = "on its way to the start pose"  # how a WayRefused begins
-LONGEST_LOOK_S = 1.0  # a camera has 20 pictures by then, and a clock of the tracker's own is known
-
-
-def object_before(cell: Cell, description: CellDescription) -> ObjectPose:
-    """Return where the tracker sees the object, `seen` 0 where it does not, before the loop of an open cell runs.
-
-    A tracker's times mean something once the arms' states have told the robot's time: they are read meanwhile, for
-    LONGEST_LOOK_S at most. Raises HardwareError from the arms.
-    """
-    pose, link = cell.tracker.latest(), cell.link
-    if link is None or not cell.own_clocks or description.tracker.kind == NO_TRACKER:
-        return pose
-    end_s = time.monotonic() + LONGEST_LOOK_S
-    while not pose.record["seen"][0] and time.monotonic() < end_s:
-        ready = link.wait()
-        for bit, arm in zip((LEFT, RIGHT), cell.arms, strict=False):
-            if ready & bit:
-                arm.read()
-        pose = cell.tracker.latest()
-    return pose
-
-
 CLEAR_OF_TABLE_M = 0.005  # at home the pads are 10 mm above it
 CLEAR_OF_OBJECT_M = 0.01
 CLEAR_OF_EACH_OTHER_M = 0.05
@@ -174,29 +152,17 @@ def start_motion(
     """Return the way of an open cell's arms to the points start (arms,) of POINT, by default to the description's home.
 
     None where they are there already, or begin there anyway (the plant in this process). Raises TrialError with one
-    line where the way must not be gone, where the tracker sees the object elsewhere than where it was put, and at real
-    arms where it sees none;
+    line where the way must not be gone, or where the tracker sees the object elsewhere than where it was put;
     HardwareError from the arms.
     """
     if cell.link is None:
         return None
-    limits, tracker = description.start_motion, description.tracker
+    limits = description.start_motion
     displacement = Displacement.of(displacement)
     place = _object_place(description, object_name, displacement)
     pose = None if place is None else object_before(cell, description)
-    if pose is not None and not pose.record["seen"][0] and not description.simulated and tracker.kind != NO_TRACKER:
-        raise TrialError(
-            f"the tracker at {tracker.address} shows no fresh pose of {object_name}: start it, and look at its body and"
-            f' markers; without a tracker write kind = "{NO_TRACKER}" under [tracker]'
-        )
     if place is not None and pose is not None and pose.record["seen"][0]:
-        away = pose.position - place
-        if np.linalg.norm(away) > tracker.place_tolerance_m:
-            x, y, z = (round(1e3 * metres) for metres in away.tolist())
-            raise TrialError(
-                f"the object is not in its place but x {x:+d}, y {y:+d}, z {z:+d} mm from it: put it back "
-                "(a simulated one: start the simulated robot again)"
-            )
+        check_place(description, pose, place)
         place = pose.position
     arms = arm_controllers(description, cell_parameters(description))
     homes = description.home

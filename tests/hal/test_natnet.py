@@ -5,11 +5,13 @@ What Motive sends is written from the published description of its stream, not f
 
 import contextlib
 import math
+import re
 import socket
 import struct
 import threading
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -157,7 +159,7 @@ BY_HAND = bytes.fromhex(
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_bodies_that_are_tracked_are_found_among_all_that_a_frame_has(version):
-    stamp_s, bodies = frame_of(frame(version, 1, 12.5, BODIES), version)
+    stamp_s, bodies, *_ = frame_of(frame(version, 1, 12.5, BODIES), version)
     assert stamp_s == 12.5
     assert bodies.keys() == {3, 4}
     for number, position, xyzw, _ in BODIES[:2]:
@@ -171,7 +173,7 @@ def test_a_number_that_two_bodies_have_is_none():
 
 
 def test_a_frame_that_was_written_by_hand_is_read():
-    assert frame_of(BY_HAND, (4, 1)) == (1.5, {42: (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)})
+    assert frame_of(BY_HAND, (4, 1)) == (1.5, {42: (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)}, {42}, 1)
 
 
 def test_a_server_tells_its_version():
@@ -296,6 +298,55 @@ def test_what_is_sent_to_all_is_received_at_the_interface_that_leads_to_the_serv
         motive.wait_for_client()
         motive.send_to_all("239.255.42.99")
         becomes(0.25, see)
+
+
+def becomes_found(tracker, complaint, about=True, longest_s=30.0):
+    end_s = time.monotonic() + longest_s
+    while not re.search(complaint, tracker.trouble(about)):
+        assert time.monotonic() < end_s, tracker.trouble(about)
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("version", "sent", "complaint"),
+    [
+        ((2, 9), None, r"^speaks NatNet 2\.9, and 3\.0 to 4\.x are read"),
+        ((5, 0), None, r"^speaks NatNet 5\.0, and"),
+        ((4, 1), None, r"^speaks NatNet 4\.1 and sends no frames to this host \(unicast\): "),
+        ((4, 1), lambda k: frame((3, 1), k, k, BODIES), "^sends messages of NatNet 4.1 that cannot be read: "),
+        ((3, 1), lambda k: frame((4, 1), k, k, BODIES), "^sends messages of NatNet 3.1 that cannot be read: "),
+        ((4, 1), lambda k: frame((4, 1), k, k, BODIES), r"^shows no body of streaming ID 42: .*found: 3, 4, 5$"),
+        ((4, 1), lambda k: frame((4, 1), k, k, []), r"^shows no body of streaming ID 42: .*found: none$"),
+        ((4, 1), lambda k: frame((4, 1), k, k, [(42, *BODIES[2][1:])]), "^shows body 42, and does not track it"),
+        (
+            (4, 1),
+            lambda k: frame((4, 1), 7, 1.5, [(42, *BODIES[0][1:])]),
+            r"^sends frame 7 at 1\.500 s again and again",
+        ),
+    ],
+)
+def test_what_stands_between_motive_and_the_body_is_found(version, sent, complaint):
+    request = TrackerRequest("", 0, TrackerFrames(), TrackerTimes("own"), ClockRelation(), 42)
+    with contextlib.closing(Motive(version)) as motive:
+        request = replace(request, host=motive.address[0], port=motive.address[1])
+        with contextlib.closing(NatNetTracker(request)) as tracker:
+            motive.wait_for_client()
+            end_s, k = time.monotonic() + 30.0, 0
+            while not re.search(complaint, tracker.trouble(True)):
+                assert time.monotonic() < end_s, tracker.trouble(True)
+                k += 1
+                if sent is not None:
+                    motive.send_raw(sent(k))
+                time.sleep(0.01)
+            assert bool(tracker.trouble(False)) == (not complaint.startswith("^shows"))  # for a run about no object
+
+
+def test_a_server_that_does_not_answer_and_a_process_that_has_ended_are_found():
+    request = TrackerRequest("127.0.0.1", 9, TrackerFrames(), TrackerTimes("own"), ClockRelation(), 42)
+    with contextlib.closing(NatNetTracker(request)) as tracker:
+        becomes_found(tracker, "^does not answer: start Motive")
+        tracker._process.kill()
+        becomes_found(tracker, "^is not read any more: its process has ended with -9")
 
 
 def test_without_the_bodys_number_it_is_refused():

@@ -26,6 +26,7 @@ from rtstack.model.cell_description import StartMotionLimits
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import RunContext
+from rtstack.trials.sight import check_sight
 from rtstack.trials.start_motion import JointPath, start_motion
 from tests.support.runs import StopAfter
 from tests.support.start import QUICK, go, where
@@ -149,13 +150,11 @@ def test_an_object_that_a_tracker_of_another_clock_sees_elsewhere_is_refused(pai
             start_motion(opened, cell, "rice_box")
 
 
-def test_real_arms_are_not_moved_where_the_tracker_shows_nothing(arms: Cell, cell):
-    start_motion(arms, cell, "rice_box")  # simulated ones are
-    real = replace(cell, simulated=False)
+def test_arms_are_not_moved_where_the_tracker_shows_nothing(arms: Cell, cell):
     with pytest.raises(TrialError, match=r"no fresh pose of rice_box: .*kind = \"none\" under \[tracker\]"):
-        start_motion(arms, real, "rice_box")
-    start_motion(arms, replace(real, tracker=replace(real.tracker, kind="none")), "rice_box")
-    start_motion(arms, real, "")
+        check_sight(arms, cell, "rice_box")
+    check_sight(arms, replace(cell, tracker=replace(cell.tracker, kind="none")), "rice_box")
+    check_sight(arms, cell, "")
 
 
 def test_a_table_that_stands_higher_than_the_file_says_is_met_softly_and_recorded(arms: Cell, cell):
