@@ -1,11 +1,28 @@
 """Extension points: what installed packages offer under a group of entry points, found by name, loaded when needed."""
 
+import sys
+import traceback
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+
+
+OURS = ("hal", "rtstack", "sim_robot", "console", "deploy")
+PLUG_INS_RAISE = (Exception, SystemExit)  # a module of another author may also call exit
+
+
+def raised(error: BaseException) -> str:
+    """Return in one line what was raised, in which file and line, and in which package, where that is not ours."""
+    frames = list(traceback.walk_tb(error.__traceback__))
+    packages = (str(frame.f_globals.get("__name__", "")).partition(".")[0] for frame, _ in frames)
+    where = [f"{name}, " for name in packages if name not in OURS and name not in sys.stdlib_module_names][:1]
+    where += [f"{Path(frame.f_code.co_filename).name}:{line}" for frame, line in frames[-1:]]
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{text} ({''.join(where)})" if where else text
 
 
 class ExtensionError(Exception):
@@ -46,7 +63,7 @@ class ExtensionPoint(Generic[T]):
         entry = offered[0]
         try:
             found = entry.load()
-        except Exception as error:  # whatever the module of another author raises
+        except PLUG_INS_RAISE as error:  # whatever the module of another author raises
             from hal.base.extras import advice  # which brings more than a name costs to look up
 
             if isinstance(error, ModuleNotFoundError) and (lacking := advice(error.name)):

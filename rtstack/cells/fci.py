@@ -8,7 +8,7 @@ from hal.base.realtime import obtainable
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.errors import ConnectionLost, HardwareError
-from hal.extensions import ExtensionError, ExtensionPoint
+from hal.extensions import PLUG_INS_RAISE, ExtensionError, ExtensionPoint, raised
 from hal.fci import FciPair, ask_for_urdf, limits_in, open_pair
 from hal.limits import CollisionBehaviour, OwnLimits
 from hal.pad import Pad
@@ -142,6 +142,8 @@ def _listen(tracker: TrackerDescription, object_name: str, robot_clock: ClockRel
             f"cannot listen for the object's poses at {tracker.address}: {reason}; end the program that listens "
             "there, or give the cell's file another address under [tracker]"
         ) from None
+    except PLUG_INS_RAISE as error:
+        raise HardwareError(f"the tracker {tracker.kind} cannot be opened: {raised(error)}") from error
 
 
 class ClosingLink:

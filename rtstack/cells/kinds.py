@@ -6,7 +6,8 @@ from pathlib import Path
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from hal.extensions import ExtensionError, ExtensionPoint
+from hal.errors import HardwareError
+from hal.extensions import PLUG_INS_RAISE, ExtensionError, ExtensionPoint, raised
 from rtstack.cells.description import load_description
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
@@ -101,9 +102,15 @@ def open_cell(
     """
     found, argument = kind_of(kind)
     described = description or load_description(None)[0]
-    return found.open(
-        CellRequest(
-            kind, argument, object_name, Displacement.of(displacement), seed, described, cell_file, faults, noise_seed,
-            live, led,
-        )
+    request = CellRequest(
+        kind, argument, object_name, Displacement.of(displacement), seed, described, cell_file, faults, noise_seed,
+        live, led,
     )  # fmt: skip
+    try:
+        return found.open(request)
+    except (TrialError, HardwareError):
+        raise
+    except PLUG_INS_RAISE as error:
+        if CELLS.package(kind.partition(":")[0])[0] == "rtstack":
+            raise
+        raise TrialError(f"cell {kind!r} cannot be opened: {raised(error)}") from error

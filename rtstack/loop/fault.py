@@ -54,7 +54,7 @@ class FaultNotes:
         self.t_ns = 0
         self.now_ns = 0  # since the start of the reference
         self.reaction_ticks: int | None = None
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         self.qp_side = -1  # of the QP that was not solved
         self._qp_status, self._qp_iterations = QpStatus.NOT_USED, 0
         self._problem = np.zeros(1, WORKSPACE)

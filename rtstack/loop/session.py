@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hal.cell import LEFT, RIGHT, Cell
 from hal.compilation import compiled
 from hal.errors import HardwareError
+from hal.extensions import PLUG_INS_RAISE, raised
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
 from rtstack.control.controller import Controller, ObservedArm
@@ -197,6 +198,7 @@ class Session:
         self._notes = FaultNotes(cell.sides)
         self._reporter = EventReporter(publisher, controller, self._time, self._notes, cell.sides)
         self._alone = False  # the controller is not asked any more
+        self._blind = False  # nor tracker and sensors
         self._unpublished = 0
         self._rest = StandstillDetector([a.sample["dq"][0] for a in controller.arms])
 
@@ -245,7 +247,7 @@ class Session:
         status = self._ask_for_torques(sides)
         self._judge(sides, status)
         if not self._own_clocks:
-            self._publisher.look(self._cell.tracker, self._time.origin_ns, self._time.now_ns)
+            self._look(self._time.origin_ns, self._time.now_ns)
         for k in sides:
             self._arms[k].write(self._torques[k])
         self._look_at_judges(status)
@@ -255,7 +257,7 @@ class Session:
             self._cycles.tick(sides)
             self._publish(sides, compute_us)
             self._reporter.end()
-        except Exception as error:
+        except PLUG_INS_RAISE as error:
             self._go_on_alone(error)
         if self._own_clocks:
             self._overrun.take(sides, time.perf_counter_ns() - began_ns)
@@ -269,7 +271,7 @@ class Session:
         if self._between_ticks is not None:
             try:
                 self._between_ticks(self._time.now_ns // TICK_NS)
-            except Exception as error:
+            except PLUG_INS_RAISE as error:
                 self._go_on_alone(error)
 
     def _receive(self) -> tuple[int, ...]:
@@ -298,7 +300,7 @@ class Session:
         if not self._alone:
             try:
                 return self._control(sides)
-            except Exception as error:
+            except PLUG_INS_RAISE as error:
                 self._go_on_alone(error)
         for k in sides:
             sample, control = self._records[k]
@@ -331,12 +333,22 @@ class Session:
         controller.finish()
         return status
 
-    def _go_on_alone(self, error: Exception) -> None:
-        """Stop without the controller: it has raised, or a function that was called between two ticks has."""
+    def _look(self, *times_ns: int) -> None:
+        """Look at tracker and sensors; not any more once one of them has raised."""
+        if self._blind:
+            return
+        try:
+            self._publisher.look(self._cell.tracker, *times_ns)
+        except PLUG_INS_RAISE as error:
+            self._blind = True
+            self._go_on_alone(error)
+
+    def _go_on_alone(self, error: BaseException) -> None:
+        """Stop without the controller: it has raised, or what is called beside it has."""
         if self._notes.error is None:
             self._notes.error = error
         self._alone = True
-        self._end(WatchdogTrip(End.CONTROLLER_EXCEPTION, f"{type(error).__name__}: {error}"), "controller")
+        self._end(WatchdogTrip(End.CONTROLLER_EXCEPTION, raised(error)), "controller")
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once all arms were served; where one was served twice, with the other one's last tick."""
@@ -347,7 +359,7 @@ class Session:
         if complete or (served & self._unpublished and self._time.all_begun):
             self._unpublished = 0
             if self._own_clocks:
-                self._publisher.look(self._cell.tracker)
+                self._look()
             self._publisher.tick(self._records)
         else:
             self._unpublished |= served

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.extensions import PLUG_INS_RAISE, raised
 from rtstack.control.controller import ArmLaw, Controller
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import (
@@ -26,6 +27,7 @@ from rtstack.monitor.pair import PairParameters
 from rtstack.safety.judge import SafetyJudge, judges_of
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import LawInertia, Mode, QpSolver, Reaction
+from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import load_friction
 from rtstack.trials.tightening import limits_of_arms
 
@@ -158,7 +160,12 @@ def cell_controller(
 
     def controller(impact_s: float) -> Controller:
         arms = arm_controllers(cell, parameters, limits)
-        return factory(ControllerRequest(cell, parameters, arms, impact_s, watched))
+        try:
+            return factory(ControllerRequest(cell, parameters, arms, impact_s, watched))
+        except TrialError:
+            raise
+        except PLUG_INS_RAISE as error:
+            raise TrialError(f"the controller cannot be made: {raised(error)}") from error
 
     made = controller(nominal_impact_s)
     ours = isinstance(made, CellController) and made.laws is None

@@ -159,7 +159,9 @@ def test_an_exception_of_the_controller_stops_without_it(stage, method):
         setattr(stage.controller if method in ("decide", "finish") else stage.controller.arms[1], method, broken)
 
     played = stage.play(_at(spoil))
-    seen = played.stops("^an exception in the control loop: ZeroDivisionError: a defect$")
+    seen = played.stops(
+        r"^an exception in the control loop: ZeroDivisionError: a defect \(\w+, test_watchdogs\.py:\d+\)$"
+    )
     assert seen == AT + (method in ("observe", "decide"))
     assert calls == [method]  # never asked again
 
@@ -291,7 +293,9 @@ def test_an_exception_between_two_ticks_stops_too(stage):
         if fraction > 0.05:
             raise BrokenPipeError("nobody reads any more")
 
-    stage.play(progress=progress).stops("^an exception in the control loop: BrokenPipeError: nobody reads any more$")
+    stage.play(progress=progress).stops(
+        r"^an exception in the control loop: BrokenPipeError: nobody reads any more \(\w+, test_watchdogs\.py:\d+\)$"
+    )
 
 
 def test_arms_that_do_not_come_to_rest_are_a_fault(stage, monkeypatch):
