@@ -2,9 +2,10 @@
 
 import asyncio
 import contextlib
+import time
 from dataclasses import dataclass
 
-from fastapi import APIRouter, BackgroundTasks
+from fastapi import APIRouter
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
@@ -12,8 +13,10 @@ from console.routes.problems import problems
 from console.sign_in import UserSession
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Operator, Status
+from rtstack.loop.mailbox import NOT_TAKEN, TAKEN_S
 from rtstack.messages import MESSAGE
 
+_LOOK_S = 2e-3
 router = APIRouter(prefix="/api", tags=["control"], responses=problems(409, 503))
 
 
@@ -27,9 +30,13 @@ class TakeOrder:
 
 @dataclass(frozen=True, slots=True)
 class StopRequested:
-    """Says that STOP has reached the loop's memory."""
+    """Says that STOP has reached the loop. taken: it brakes the arms; False where no session controls them."""
 
     stop_requested: bool
+    taken: bool
+
+
+_reports: set[asyncio.Task[None]] = set()  # that are under way
 
 
 @router.post("/take")
@@ -77,17 +84,30 @@ def disarm(session: NeedsSession, parts: NeedsParts) -> Status:
 
 
 @router.post("/stop")
-async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> StopRequested:
-    """Ask for a controlled stop. One word in shared memory: it does not wait for another process."""
-    parts.mailbox.request_stop()
-    afterwards.add_task(report_stop, parts, session)
-    return StopRequested(True)
+async def stop(session: NeedsSession, parts: NeedsParts) -> StopRequested:
+    """Ask for a controlled stop, by a word in shared memory; answer when the loop has taken it, 503 if it does not."""
+    return StopRequested(True, await request_stop(parts, session))
 
 
 @router.post("/recover")
 def recover(session: NeedsSession, parts: NeedsParts) -> Status:
     """In a fault: ask both arms to clear what they have latched; the answer says why they refuse."""
     return parts.watch.learn(parts.client.recover(session.operator))
+
+
+async def request_stop(parts: Parts, session: UserSession) -> bool:
+    """Ask for a controlled stop; return whether a motion takes it, False where there is none. Raises RobotUnreachable
+    where the loop does not take it."""
+    turn = parts.mailbox.request_stop()
+    report = asyncio.create_task(report_stop(parts, session))
+    _reports.add(report)
+    report.add_done_callback(_reports.discard)
+    due_s = time.monotonic() + TAKEN_S
+    while not parts.mailbox.stop_taken(turn):
+        if time.monotonic() > due_s:
+            raise RobotUnreachable(NOT_TAKEN)
+        await asyncio.sleep(_LOOK_S)
+    return turn > 0
 
 
 async def report_stop(parts: Parts, session: UserSession) -> None:

@@ -15,13 +15,14 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
-from console.routes.control import report_stop
+from console.routes.control import request_stop
 from console.routes.problems import problems
 from console.routes.sockets import SIGNED_OUT
+from console.sign_in import UserSession
 from console.teleoperation.devices import OfArms
 from console.teleoperation.pair import Coupling
 from console.teleoperation.teleop_view import Handles, Lead, TeleopView
-from rtstack.live.client import RobotRefused
+from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.loop.mailbox import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat, problem
 from rtstack.samples import SIDES
@@ -94,7 +95,7 @@ async def request(message: TeleopMessage, session: NeedsSession, parts: NeedsPar
     """Do what a message says, once. The clutch goes quiet unless it is said again."""
     # not async for waiting: in the event loop, as those of sockets are, no message is carried out within another one
     if message.stop:
-        parts.mailbox.request_stop()
+        await request_stop(parts, session)
     _act(parts, session.operator, message)
     return parts.teleop.view
 
@@ -146,16 +147,24 @@ async def stream(websocket: WebSocket) -> None:
 
 async def _listen(websocket: WebSocket, parts: Parts, waiting: asyncio.Queue[tuple[str, int] | None]) -> None:
     """Queue what comes with its time, None at the end. STOP does not queue."""
-    reports = []  # of STOP, to the robot process
+    stops = []  # that are under way
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         async for text in websocket.iter_text():
             waiting.put_nowait((text, time.monotonic_ns()))
             if '"stop"' in text and (session := session_now(websocket)) is not None and _stops(text):
-                parts.mailbox.request_stop()
-                reports.append(asyncio.create_task(report_stop(parts, session)))
+                stops.append(asyncio.create_task(_stop(websocket, parts, session)))
             if waiting.qsize() > _MOST_WAITING:
                 break
     waiting.put_nowait(None)
+
+
+async def _stop(websocket: WebSocket, parts: Parts, session: UserSession) -> None:
+    """Ask for a controlled stop; answer at once where the loop does not take it."""
+    try:
+        await request_stop(parts, session)
+    except RobotUnreachable as error:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            await websocket.send_json({"error": str(error)} | asdict(parts.teleop.view))
 
 
 def _stops(text: str) -> bool:

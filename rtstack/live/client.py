@@ -6,6 +6,7 @@ import stat
 import struct
 import tempfile
 import threading
+from contextlib import closing
 from pathlib import Path
 
 from hal.base.shared import user_name
@@ -25,6 +26,7 @@ from rtstack.trials.errors import TrialError
 
 RUN_PREFIX = "rtstack-"  # of the folder of a running stack, among the temporary files
 SOCKET_NAME = "robot.sock"
+_STOP_S = 2.0  # for the answer to a STOP
 ANSWER_S = 32.0  # the longest answer, that to a recovery, and a margin
 SERVICE_SOCKET = Path("/run/rtstack") / SOCKET_NAME  # of the unit rtstack-robot.service
 
@@ -134,8 +136,12 @@ class RobotClient:
         return self.request(ControlRequest(operator, "disarm"))
 
     def stop(self, operator: str) -> Status:
-        """Ask for a controlled stop by way of the socket; the mailbox is the shorter way. Raises RobotUnreachable."""
-        return self.request(ControlRequest(operator, "stop"))
+        """Ask for a controlled stop by way of the socket; the mailbox is the shorter way.
+
+        It waits for no other request. Raises RobotRefused where the loop does not take it, RobotUnreachable.
+        """
+        with closing(RobotClient(self._path, _STOP_S)) as beside:
+            return beside.request(ControlRequest(operator, "stop"))
 
     def recover(self, operator: str) -> Status:
         """Ask for a recovery and wait for it. Raises RobotRefused while the cause persists, RobotUnreachable."""

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rtstack.live.audit import AuditTrail
-from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.mailbox import NOT_TAKEN, TAKEN_S, Mailbox
 from rtstack.loop.watchdogs import since_boot_s
 from rtstack.safety.arming import LEASE_S, ArmingStateMachine, Phase, Refused
 from rtstack.samples import Level
@@ -23,6 +23,7 @@ from rtstack.trials.run_context import RunEvent
 # the loop's own watchdog is the first to stop a motion without an operator, so that the log has the true reason
 _LOOP_FIRST_S = 0.3
 _STOP_LASTS_S = 1.0  # a guide that is ordered within it may have been ordered before the STOP was seen
+_LOOK_S = 5e-3
 _RUN_EVENTS = 256  # not yet published
 
 
@@ -122,12 +123,17 @@ class ControlAuthority:
             self._note("disarm", operator, f"{operator} disarmed the cell")
 
     def stop(self, operator: str) -> None:
-        """Stop all motion, and disarm. Needs no lease."""
-        self._mailbox.request_stop()  # before any lock
+        """Stop all motion, and disarm. Needs no lease. Raises Refused where the loop does not take it."""
+        turn = self._mailbox.request_stop()  # before any lock
         with self._acting() as now_s:
             self._stopped_s = now_s
             self._arming.disarm()
             self._note("stop", operator, f"{operator} pressed STOP", Level.WARNING)
+        due_s = time.monotonic() + TAKEN_S
+        while not self._mailbox.stop_taken(turn):
+            if time.monotonic() > due_s:
+                raise Refused(NOT_TAKEN)
+            time.sleep(_LOOK_S)
 
     def note(self, operator: str, text: str) -> None:
         """Note what happened to an operator's motion."""

@@ -75,7 +75,9 @@ CHUNK = np.dtype(
 _MAGIC = 0x7274_6D62_6F78_0003  # "rtmbox", layout version 3
 
 
-TARGET_WORDS = TARGET.itemsize // 8
+TARGET_WORDS, CHUNK_WORDS = TARGET.itemsize // 8, CHUNK.itemsize // 8
+TAKEN_S = 0.5  # ours: a busy machine makes a tick long now and then
+NOT_TAKEN = f"STOP was not taken by the control loop within {TAKEN_S:g} s: use the emergency stop"
 
 
 class _Word(IntEnum):
@@ -89,6 +91,7 @@ class _Word(IntEnum):
     TARGET = 5  # and the words after it
     CHUNK_SEQUENCE = TARGET + TARGET_WORDS
     CHUNK = CHUNK_SEQUENCE + 1  # and the words after it
+    TURN = CHUNK + CHUNK_WORDS
 
 
 _SIZE_BYTES = 4096  # a page
@@ -131,9 +134,21 @@ class Mailbox:
             raise MailboxError(f"mailbox {name}: another layout version")
         return box
 
-    def request_stop(self) -> None:
-        """Ask the loop for a controlled stop. Any process, any time, any number of times."""
+    def request_stop(self) -> int:
+        """Ask the loop for a controlled stop. Any process, any time, any number of times.
+
+        Returns the loop's turn at that time, for `stop_taken`: 0 where no session controlled the arms.
+        """
         self._words[_Word.STOP] = 1
+        return self._words[_Word.TURN]
+
+    def stop_taken(self, turn: int) -> bool:
+        """Return whether a whole tick has passed since a STOP that came at this turn, or that session is over."""
+        return not 0 < turn <= self._words[_Word.TURN] < turn + 2
+
+    def turn(self, number: int) -> None:
+        """Note that so many ticks are over, their torques out. For the loop: 1 before the first one, 0 at its end."""
+        self._words[_Word.TURN] = number
 
     @property
     def stop_requested(self) -> bool:

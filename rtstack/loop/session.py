@@ -25,6 +25,7 @@ from rtstack.loop.command_echo import CommandEcho
 from rtstack.loop.end import End
 from rtstack.loop.event_reporter import EventReporter
 from rtstack.loop.fault import Fault, FaultNotes
+from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.publisher import CycleReporter, Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
@@ -165,6 +166,7 @@ class Session:
         self._publisher = publisher
         self._plan = plan
         self._stop = stop
+        self._mailbox, self._turn = stop if isinstance(stop, Mailbox) else None, 0  # its writers wait for a STOP's end
         self._between_ticks = between_ticks
         self._share = low_pass_share(cutoff_hz)
         if self._share < 1.0:  # compile it before the robot is armed
@@ -207,6 +209,7 @@ class Session:
         does."""
         collecting = gc.isenabled()
         gc.disable()  # a collection in the middle of a tick is a tick that waits
+        self._count_turn(1)
         try:
             self._cell.start()
             with self._cycles.measuring():
@@ -221,6 +224,7 @@ class Session:
             blind = [judge.blind for judge in self._judges]
             first = RIGHT if blind[0] and not blind[-1] else LEFT
             self._cell.stop(first, at_rest=self._rest.reached and not any(blind))
+            self._count_turn(0)
             if collecting:
                 gc.enable()
         self._reporter.end()
@@ -266,8 +270,14 @@ class Session:
                 return False  # only the robot itself can brake by a state that does not change
         return not (self._machine.mode is _STOPPING and 0 in sides and self._at_rest())
 
+    def _count_turn(self, number: int) -> None:
+        self._turn = number
+        if self._mailbox is not None:
+            self._mailbox.turn(number)
+
     def _pause(self) -> None:
         """Between two ticks, with the answers out."""
+        self._count_turn(self._turn + 1)
         if self._between_ticks is not None:
             try:
                 self._between_ticks(self._time.now_ns // TICK_NS)

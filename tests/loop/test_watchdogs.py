@@ -141,6 +141,24 @@ def _at(act, tick: int = AT):
     return lambda now: act() if now == tick else None
 
 
+def test_a_stop_is_taken_within_two_turns_of_the_loop(stage):
+    stop, came, taken = Mailbox.create(f"taken-{os.getpid()}"), [], []
+
+    def act(tick: int) -> None:
+        if tick == AT:
+            came.append(stop.request_stop())
+
+    def between(fraction: float) -> None:
+        taken.extend(stop.stop_taken(turn) for turn in came)
+
+    played = stage.play(act, stop=stop, progress=between)
+    assert "stop requested by the operator" in played.reason
+    assert came == [AT + 1]
+    assert taken[-1]
+    assert stop.request_stop() == 0  # no session is left
+    stop.close()
+
+
 def test_a_good_trial_trips_none(stage):
     played = stage.play()
     assert played.reason == "None"
