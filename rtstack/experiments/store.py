@@ -142,8 +142,7 @@ class Store:
 
     def versions(self) -> list[Version]:
         """Return the versions that this campaign was run with, in order."""
-        noted = [json.loads(value) for name, value in self.about().items() if name.partition(" ")[0] == VERSION]
-        return [Version(tuple(map(tuple, each.pop("packages"))), **each) for each in noted]
+        return [_version(value) for name, value in self.about().items() if name.partition(" ")[0] == VERSION]
 
     def add(self, *rows: Row) -> None:
         """Keep results, all of them or none. A second one of the same case replaces the first."""
@@ -202,8 +201,19 @@ def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
         raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")
+    version = _version(about[VERSION]) if VERSION in about else None
+    if version is not None and (other := version.other_plug_in(present())):
+        raise TrialError(
+            f"{out} was begun with the plug-in {other}: results would be mixed; install that one again, or begin anew "
+            "in another folder"
+        )
     if (begun := about.get("logs")) != logs:
         raise TrialError(f"this campaign keeps its logs {f'at {begun}: give --logs {begun}' if begun else f'in {out}'}")
+
+
+def _version(noted: str) -> Version:
+    record = json.loads(noted)
+    return Version(tuple(map(tuple, record.pop("packages"))), **record)
 
 
 def _identity(experiment: Experiment[Any, Any]) -> dict[str, str]:

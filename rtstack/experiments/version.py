@@ -1,26 +1,26 @@
 """What a worker computes with: packages, commit and sources. Results are the same to the bit only where these are."""
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
-from rtstack.experiments.registry import GROUP
 from rtstack.trials.provenance import git_commit, package_versions
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("hal", "sim_robot", "rtstack", "deploy")
-_GROUPS = (GROUP, "rtstack.controllers", "rtstack.cells", "rtstack.robots")  # whose code shapes a result
+_CODE = " (code "  # behind a plug-in's version
 _KINDS = (".py", ".toml", ".urdf")
 _CHANGED = "+changes"  # git_commit's mark; what was changed is in the digest
 
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """packages: name and version of each that shapes a result; sources: digest of the code and the parameter files of
-    rtstack and of the plug-ins.
+    """packages: name and version of each that shapes a result, of plug-ins with a digest of their code; sources: digest
+    of the code and the parameter files of rtstack.
     """
 
     packages: tuple[tuple[str, str], ...]
@@ -41,25 +41,51 @@ class Version:
         if other.commit != self.commit:
             return f"rtstack of commit {other.commit[:12]} instead of {self.commit[:12]}"
         if other.sources != self.sources:
-            return f"other sources of rtstack or of a plug-in (digest {other.sources} instead of {self.sources})"
+            return f"other sources of rtstack (digest {other.sources} instead of {self.sources})"
         return None
+
+    def other_plug_in(self, now: "Version") -> str:
+        """Return in words the first plug-in of this version that `now` has in another version or with other code."""
+        present = dict(now.packages)
+        for name, version in self.packages:
+            if _CODE in version and present.get(name) != version:
+                return f"{name} {version}, now {present.get(name, 'not installed')}"
+        return ""
 
 
 @lru_cache(maxsize=1)
 def present() -> Version:
     """Return what this process has. The first call counts: an update on the disk does not change what is running."""
+    packages = tuple(sorted((package_versions() | _plug_ins()).items()))
+    sources = _digest(_ROOT / package for package in _PACKAGES)
+    return Version(packages, git_commit().removesuffix(_CHANGED), sources)
+
+
+def _digest(places: Iterable[Path]) -> str:
+    """Return a digest of the code and the parameters in folders, and of files."""
     digest = hashlib.sha256()
-    for folder in [_ROOT / package for package in _PACKAGES] + _plug_ins():
-        for path in sorted(path for path in folder.rglob("*") if path.suffix in _KINDS):
-            digest.update(str(path.relative_to(folder.parent)).encode())
+    for place in places:
+        files = [place] if place.is_file() else sorted(path for path in place.rglob("*") if path.suffix in _KINDS)
+        for path in files:
+            digest.update(str(path.relative_to(place.parent)).encode())
             digest.update(path.read_bytes())
-    plug_ins = {entry.dist.name: entry.dist.version for entry in entry_points(group=GROUP) if entry.dist is not None}
-    packages = tuple(sorted((package_versions() | plug_ins).items()))
-    return Version(packages, git_commit().removesuffix(_CHANGED), digest.hexdigest()[:16])
+    return digest.hexdigest()[:16]
 
 
-def _plug_ins() -> list[Path]:
-    """Return the folders of the packages that offer experiments, controllers, cells or robots, but ours."""
-    offered = {entry.module.partition(".")[0] for group in _GROUPS for entry in entry_points(group=group)}
-    found = (find_spec(name) for name in sorted(offered - set(_PACKAGES)))
-    return [Path(folder) for spec in found if spec is not None for folder in spec.submodule_search_locations or ()]
+def _plug_ins() -> dict[str, str]:
+    """Return the version of each other package that offers anything to a group of ours, with a digest of its code."""
+    offered: dict[tuple[str, str], set[str]] = {}
+    for entry in (entry for group in sorted(entry_points().groups) for entry in entry_points(group=group)):
+        module = entry.module.partition(".")[0]
+        if entry.group.startswith("rtstack.") and module not in _PACKAGES:
+            name = (entry.dist.name, entry.dist.version) if entry.dist is not None else (module, "unknown")
+            offered.setdefault(name, set()).add(module)
+    found: dict[str, str] = {}
+    for (name, version), modules in offered.items():
+        specs = (find_spec(module) for module in sorted(modules))
+        places = [
+            Path(place) for spec in specs if spec is not None
+            for place in spec.submodule_search_locations or (spec.origin or "",)
+        ]  # fmt: skip
+        found[name] = f"{version}{_CODE}{_digest(filter(Path.exists, places))})"
+    return found

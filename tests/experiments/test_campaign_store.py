@@ -1,6 +1,7 @@
 """Where a campaign's results are kept, and which folder may be whose."""
 
 import csv
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -91,8 +92,7 @@ def test_a_resume_with_another_version_or_another_plug_in_is_marked(tmp_path, co
     plug_in.mkdir(parents=True)
     (plug_in / "__init__.py").write_text("GAIN = 1.0\n")
     monkeypatch.syspath_prepend(tmp_path / "site")
-    offered = [SimpleNamespace(module="some_lab.law", dist=SimpleNamespace(name="some-lab", version="1.0"))]
-    monkeypatch.setattr(version, "entry_points", lambda group: offered)
+    offered_in(monkeypatch, {"rtstack.trackers": "some_lab.law"})
     monkeypatch.setattr(store_module, "present", version.present.__wrapped__)
     for k, said in enumerate(["", "", "another version", "another version"]):
         if k == 2:
@@ -102,4 +102,37 @@ def test_a_resume_with_another_version_or_another_plug_in_is_marked(tmp_path, co
             found = registered(begun, store)["versions"]
         assert said in capsys.readouterr().err
         assert len(found) == (k >= 2)
-    assert found[0].startswith("other sources of rtstack or of a plug-in")
+    assert re.match(r"some-lab 1\.0 \(code \w{16}\) instead of 1\.0 \(code \w{16}\)", found[0])
+
+
+def offered_in(monkeypatch: pytest.MonkeyPatch, modules: dict[str, str]) -> None:
+    dist = SimpleNamespace(name="some-lab", version="1.0")
+    offered = {group: [SimpleNamespace(group=group, module=name, dist=dist)] for group, name in modules.items()}
+    monkeypatch.setattr(
+        version, "entry_points", lambda group=None: SimpleNamespace(groups=offered) if group is None else offered[group]
+    )
+
+
+@pytest.mark.parametrize("group", ["trackers", "cameras", "policies", "robots", "cells", "controllers", "experiments"])
+@pytest.mark.parametrize("file", ["some_law.py", "some_law/__init__.py", "some_law/gains.toml"])
+def test_the_results_of_other_code_of_a_plug_in_are_not_resumed(tmp_path, counting, monkeypatch, group, file):
+    begun, site = counting(tmp_path / "out"), tmp_path / "site"
+    (tmp_path / "out").mkdir()
+    (site / file).parent.mkdir(parents=True, exist_ok=True)
+    (site / file).with_name("__init__.py" if "/" in file else "some_law.py").write_text("")
+    (site / file).write_text("gain = 1.0\n")
+    monkeypatch.syspath_prepend(site)
+    offered_in(monkeypatch, {f"rtstack.{group}": "some_law"})
+    monkeypatch.setattr(store_module, "present", version.present.__wrapped__)
+    with Store(tmp_path / "out", begun.columns) as store:
+        store.claim(begun)
+    check_folder(begun, resume=True)
+    (site / file).write_text("gain = 2.0\n")
+    told = (
+        r"was begun with the plug-in some-lab 1\.0 \(code \w+\), now 1\.0 \(code \w+\): .* begin anew"
+    )
+    with pytest.raises(TrialError, match=told):
+        check_folder(begun, resume=True)
+    offered_in(monkeypatch, {})
+    with pytest.raises(TrialError, match="now not installed"):
+        check_folder(begun, resume=True)
