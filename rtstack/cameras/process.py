@@ -13,7 +13,7 @@ from PIL import Image
 from pydantic import TypeAdapter
 
 from hal.base.realtime import ordinary_thread
-from hal.extensions import ExtensionError
+from hal.extensions import PLUG_INS_RAISE, ExtensionError, raised
 from rtstack.cameras.source import CAMERAS, CameraRequest, draw_time
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
@@ -63,6 +63,9 @@ def main() -> int:
         camera.close()
     except (OSError, LogError, ExtensionError, ImportError) as error:
         pictures.fail(" ".join(str(error).split()))
+        return 1
+    except PLUG_INS_RAISE as error:
+        pictures.fail(f"{described.kind}: {raised(error)}")
         return 1
     return 0
 
