@@ -23,6 +23,7 @@ from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
 
 _NS = 1e-9
 _AT_ONCE = 16  # chunks that are decoded as one
+_SMALL_CHUNK = 1 << 16  # bytes; larger ones are not copied together
 _CHANNELS_MAX = 64  # of one topic: each has a decoder
 _MESSAGE_BYTES = 160  # what Python needs for one message, beside its own bytes
 
@@ -106,9 +107,10 @@ class Log:
         another topic, or for messages that are not of its schema.
         """
         found = [self._empty([name])[name]]
-        for batch in self._batches([name], _AT_ONCE):
+        small = self.path.stat().st_size < _SMALL_CHUNK * len(self._contents.parts)
+        for batch in self._batches([name], _AT_ONCE if small else 1):
             found += batch.records.values()
-        return _in_order(np.concatenate(found))
+        return _in_order(None, np.concatenate(found))
 
     def frame(self, topic: str) -> Any:
         """Return all records of a topic as a pandas.DataFrame, in order of time.
@@ -204,14 +206,14 @@ class Log:
         size = np.concatenate([table.size for _, table in parts])
         if len(t_ns) and t_ns.min() < 0:
             raise LogError(f"{self.path}: a sample has a time that no robot has: {t_ns.view(np.uint64).max()} ns")
-        found: dict[str, list[NDArray[Any]]] = {}
+        found: dict[str, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {}
         for channel_id in np.unique(channel).tolist():
             if channel_id not in decoders:
                 decoders[channel_id] = TopicDecoder(wanted[channel_id], self._schema(channel_id))
-            rows = channel == channel_id
+            rows = np.flatnonzero(channel == channel_id)
             records = decoders[channel_id].decode(data, t_ns[rows], start[rows], size[rows])
-            found.setdefault(wanted[channel_id], []).append(records)
-        return {topic: _in_order(np.concatenate(records)) for topic, records in found.items()}
+            found.setdefault(wanted[channel_id], []).append((rows, records))
+        return {topic: _in_order(*map(np.concatenate, zip(*parts, strict=True))) for topic, parts in found.items()}
 
     def messages(self, name: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
         """Return messages of any topic as (t_ns, encoded message): for /tf and pictures, which have no record.
@@ -356,7 +358,9 @@ def _mask(channels: Sequence[int]) -> NDArray[np.bool_]:
     return mask
 
 
-def _in_order(records: NDArray[Any]) -> NDArray[Any]:
-    """Return records in order of time; those of one time stay in the order of the file."""
+def _in_order(places: NDArray[np.intp] | None, records: NDArray[Any]) -> NDArray[Any]:
+    """Return records in order of time, those of one time in the order of the file: their places in it."""
+    if places is not None and (places[1:] < places[:-1]).any():  # of several channels
+        records = records[np.argsort(places)]
     t_ns = records["t_ns"]
     return records if (t_ns[1:] >= t_ns[:-1]).all() else records[np.argsort(t_ns, kind="stable")]

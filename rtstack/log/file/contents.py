@@ -138,7 +138,7 @@ class Summary:
 def records_of(data: bytes) -> Iterator[tuple[int, int, ReadDataStream]]:
     """Yield the kind, place and content of each record of a summary."""
     place = 0
-    while place + RECORD_HEADER <= len(data):
+    while place < len(data):
         length = int.from_bytes(data[place + 1 : place + RECORD_HEADER], "little")
         if length > len(data) - place - RECORD_HEADER:
             raise ValueError("a record of the summary is cut off")
@@ -216,13 +216,11 @@ class _Survey:
                 return
             offset = section.end
             try:
-                offset += self._add(section)
+                self._add(section)
             except (LogError, Inconsistent):
                 raise
             except Exception as error:  # the library raises whatever half a record makes of it
                 self._refuse(section.offset, error)
-        if offset > stop:
-            raise Inconsistent
 
     def _refuse(self, offset: int, cause: object) -> None:
         """Raise, but for a file that was cut off: what is damaged in it is left out."""
@@ -231,16 +229,15 @@ class _Survey:
         if self._end is not None:
             raise damaged(self._path, offset, cause)
 
-    def _add(self, section: Section) -> int:
-        """Add one section; return how many bytes of indexes behind it are of no interest."""
+    def _add(self, section: Section) -> None:
         if section.opcode in (Opcode.CHUNK, Opcode.METADATA, Opcode.ATTACHMENT):
             self._visited[section.offset] = section.opcode
         if section.opcode == Opcode.CHUNK:
             head = chunk_at(self._file, section, head=True)
             self._spend(head.uncompressed_size)
-            if self._trusted:
-                return self._add_indexed(section, head)
-        if section.opcode == Opcode.CHUNK or section.opcode in LOOSE:
+        if section.opcode == Opcode.CHUNK and self._trusted:
+            self._add_indexed(section, head)
+        elif section.opcode == Opcode.CHUNK or section.opcode in LOOSE:
             self._add_part(Part(section))
         elif section.opcode == Opcode.METADATA:
             self.contents.limit(Opcode.METADATA, section.size)
@@ -248,9 +245,8 @@ class _Survey:
             self.contents.metadata[metadata.name] = metadata.metadata
         elif section.opcode == Opcode.ATTACHMENT:
             self.contents.attachments.append(attachment_at(self._file, section))
-        return 0
 
-    def _add_indexed(self, section: Section, head: Chunk) -> int:
+    def _add_indexed(self, section: Section, head: Chunk) -> None:
         """Add a chunk as the summary has it, without unpacking it."""
         said, span = self._summary.chunks.get(section.offset), (head.message_start_time, head.message_end_time)
         if said is None or (said.chunk_length, said.message_start_time, said.message_end_time) != (section.size, *span):
@@ -260,7 +256,6 @@ class _Survey:
         known = span[0] <= span[1] and span != (0, 0)  # (0, 0): of a writer that leaves them out
         channels = frozenset(said.message_index_offsets) or None
         self.contents.parts.append(Part(section, span if known else ALWAYS, channels))
-        return said.message_index_length
 
     def _add_part(self, part: Part) -> None:
         try:

@@ -20,7 +20,7 @@ from hal.base.files import replacing
 from hal.compilation import compiled
 from rtstack.log.errors import LogError
 from rtstack.log.file import container
-from rtstack.log.file.container import LOOSE, MAGIC, MESSAGE, RECORD_HEADER, Section, section_at, sections
+from rtstack.log.file.container import LOOSE, MAGIC, MESSAGE, RECORD_HEADER, Section, section_at
 from rtstack.log.file.contents import Contents, Summary, attachment_at, attachment_data, metadata_at, rest_of
 from rtstack.log.file.contents import read_contents as contents_of
 from rtstack.log.file.contents import read_summary as summary_of
@@ -75,7 +75,7 @@ def _is_whole(file: BinaryIO) -> bool:
     """Whether everything in a file can be read: the counts of its summary, and every checksum that it has."""
     end, crc = container.end_of(file), 0
     file.seek(0)
-    if end is None or file.read(len(MAGIC)) != MAGIC or all(each.offset != end.data for each in sections(file)):
+    if end is None or file.read(len(MAGIC)) != MAGIC:
         return False
     try:
         contents = contents_of(file, end)
@@ -168,11 +168,10 @@ class _Copy:
         return section.end
 
     def _fits(self, offset: int) -> bool:
-        """Whether a record may begin at a place."""
-        try:
-            return offset >= self._stop or section_at(self._source, offset, self._stop).size > 0
-        except ValueError:
-            return False
+        """Whether a record may begin at a place: its kind and length are possible."""
+        self._source.seek(offset)
+        head = self._source.read(RECORD_HEADER)
+        return offset >= self._stop or (head[0] > 0 and int.from_bytes(head[1:], "little") <= self._stop - offset)
 
     def _go_on(self, offset: int, following: int) -> int:
         """Return where records go on behind a damaged one. Of a chunk, copy what can be had."""

@@ -99,8 +99,11 @@ def whole(records: list[Record]) -> bytes:
     return MAGIC + join(records) + MAGIC
 
 
-def messages_of(data: bytes) -> Times | None:
-    """Return the log times that an independent walk of a file finds, None where anything in it is not whole."""
+def messages_of(data: bytes, streamed: bool = False) -> Times | None:
+    """Return the log times that an independent walk of a file finds, None where anything in it is not whole.
+
+    streamed: nor where a message stands before its channel, or its channel in the summary alone.
+    """
     try:
         if not data.startswith(MAGIC) or not data.endswith(MAGIC):
             return None
@@ -115,11 +118,13 @@ def messages_of(data: bytes) -> Times | None:
             for kind, content in [(opcode, body)] if opcode != Opcode.CHUNK else split(opened(body)):
                 if kind in (Opcode.CHANNEL, Opcode.SCHEMA):
                     known = topics if kind == Opcode.CHANNEL else schemas
-                    number = int.from_bytes(content[:2], "little")
+                    (number,) = struct.unpack_from("<H", content)
                     if known.setdefault(number, content) != content:
                         return None
                 elif kind == Opcode.MESSAGE:
                     number, _, log_ns, _ = struct.unpack_from("<HIQQ", content)
+                    if streamed and number not in topics:
+                        return None
                     found.append((number, log_ns))
         for kind, content in records[end:]:  # a channel that the summary alone has is good enough
             if kind == Opcode.CHANNEL:
