@@ -46,7 +46,7 @@ class NothingToExport(LogError):
     def __init__(self, candidates: Sequence[Candidate]) -> None:
         self.candidates = candidates
         first, *others = candidates
-        more = f", and {len(others)} more are left out" if others else ""
+        more = f"; {len(others)} more are left out" if others else ""
         super().__init__(f"there is nothing to export: {first.path}: {first.why}{more}")
 
 

@@ -128,7 +128,7 @@ class Condition:
         if self.is_range:
             exact = [number for key, number in facts.numbers if key == wanted]
             return exact or [number for key, number in facts.numbers if wanted in key]
-        return [text for key, text in facts.texts if key in _SAME.get(wanted, (wanted,))]
+        return [str(value).lower() for key, value in facts.pairs if key in _SAME.get(wanted, (wanted,))]
 
     def lacking(self, facts: Facts) -> str | None:
         """Return in words why a log does not meet this, None where it does."""
@@ -150,7 +150,7 @@ class Condition:
             return text.startswith(self.value)  # of a day, or an hour
         with contextlib.suppress(ValueError):
             return float(text) == self.number
-        return text == self.value
+        return text.replace("_", " ") == self.value.replace("_", " ")
 
 
 def parsed(query: str) -> list[Condition]:
