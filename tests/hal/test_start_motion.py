@@ -151,6 +151,7 @@ def test_an_object_that_a_tracker_of_another_clock_sees_elsewhere_is_refused(pai
 
 
 def test_arms_are_not_moved_where_the_tracker_shows_nothing(arms: Cell, cell):
+    arms = replace(arms, own_clocks=True, link=SimpleNamespace(wait=lambda: 0))
     with pytest.raises(TrialError, match=r"no fresh pose of rice_box: .*kind = \"none\" under \[tracker\]"):
         check_sight(arms, cell, "rice_box")
     check_sight(arms, replace(cell, tracker=replace(cell.tracker, kind="none")), "rice_box")
