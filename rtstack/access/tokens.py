@@ -12,7 +12,7 @@ import secrets
 import stat
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -69,6 +69,10 @@ class Tokens:
         self._folder = folder
         self.path = folder / FILE_NAME
         self._read: tuple[tuple[int, int, int], dict[str, Token]] | None = None
+        self._known: dict[str, Token] = {}  # that may still stop: see `may_stop`
+        self._known_in = 0  # inode of the folder
+        with suppress(TokensError):
+            self._load()
 
     def all(self) -> tuple[Token, ...]:
         """Return the tokens, oldest first. Raises TokensError."""
@@ -87,6 +91,15 @@ class Tokens:
         token = self.get(rest.partition("_")[0]) if prefix == _PREFIX else None
         known = token is not None and hmac.compare_digest(_digest(word), token.digest)
         return token if known else None
+
+    def may_stop(self, word: str) -> Token | None:
+        """Return the token that a program brings for STOP alone, None where it is none of ours.
+
+        A token keeps this right while its file is missing or cannot be trusted, and where the folder was replaced by
+        another one; the others end then. A revoked token has no right.
+        """
+        token = self.match(word) or self._known.get(word.partition("_")[2].partition("_")[0])
+        return token if token is not None and hmac.compare_digest(_digest(word), token.digest) else None
 
     def create(self, name: str, scope: Scope) -> tuple[Token, str]:
         """Make a token; return it and its word, which cannot be shown again. Raises TokensError."""
@@ -120,8 +133,12 @@ class Tokens:
             mark = status.st_ino, status.st_mtime_ns, status.st_size
             read = self._read
             if read is None or read[0] != mark:
-                read = mark, {token.id: token for token in _TOKENS.validate_json(self.path.read_bytes())}
-                self._read = read
+                tokens = {token.id: token for token in _TOKENS.validate_json(self.path.read_bytes())}
+                folder = self._folder.stat().st_ino
+                revoked = read[1].keys() - tokens if read is not None and folder == self._known_in else ()
+                self._known = {key: token for key, token in self._known.items() if key not in revoked} | tokens
+                self._known_in = folder
+                read = self._read = mark, tokens
             return read[1]
         except FileNotFoundError:
             return {}
@@ -138,6 +155,7 @@ class Tokens:
                 yield tokens
                 content = json.dumps([asdict(token) for token in tokens.values()], indent=1)
                 write_whole(self.path, content, durable=True, mode=0o600)
+                self._load()  # a revoked token ends here, whatever becomes of the folder
         except OSError as error:
             raise TokensError(f"{self.path}: cannot be written: {error.strerror}") from None
 

@@ -5,6 +5,8 @@ has armed again, and each permission is in the audit trail.
 import itertools
 import json
 import os
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -250,6 +252,51 @@ def test_the_trail_goes_on_after_a_line_that_was_cut(tmp_path):
     lines = path.read_text().splitlines()
     assert len(lines) == 3
     assert json.loads(lines[2])["operator"] == "Zoë"
+
+
+@pytest.mark.parametrize("folder", ["moved", "replaced"])
+def test_the_trail_follows_its_folder(tmp_path, folder):
+    logs, elsewhere = tmp_path / "logs", tmp_path / "elsewhere"
+    logs.mkdir()
+    trail = AuditTrail(logs / "audit.jsonl")
+    trail.note("take", "anna", "1")
+    logs.rename(elsewhere)
+    trail.note("arm", "anna", "2")  # there is no folder: the file that is open goes on
+    if folder == "replaced":
+        logs.mkdir()
+    else:
+        elsewhere.rename(logs)
+    trail.note("stop", "anna", "3")
+    (logs / "audit.jsonl").unlink()
+    trail.note("stop", "anna", "4")
+    assert [line.text for line in trail.newest(10)] == ["4"]
+    trail.close()
+    if folder == "replaced":
+        assert [json.loads(line)["text"] for line in (elsewhere / "audit.jsonl").read_text().splitlines()] == ["1", "2"]
+
+
+def test_no_line_of_the_trail_is_lost_to_a_full_disk(tmp_path):
+    """A process of its own: the limit of a file's size cuts a line in the middle, as a full disk does."""
+    code = """
+import resource, signal, sys
+from pathlib import Path
+from rtstack.live.audit import AuditTrail
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+trail = AuditTrail(Path(sys.argv[1]))
+for number in range(30):
+    room = 1000 if number < 20 else resource.RLIM_INFINITY
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+    trail.note("stop", "anna", str(number))
+    assert [line.text for line in trail.newest(2)][-1] == str(number)
+trail.close()
+"""
+    path = tmp_path / "audit.jsonl"
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    lines = path.read_text().splitlines()
+    whole = [json.loads(line)["text"] for line in lines if line.endswith("}")]
+    assert whole == [str(number) for number in range(30)]
+    assert len(lines) == 31  # one was cut, and written again
+    assert (done.stderr.count("\n"), "audit.jsonl" in done.stderr) == (1, True)
 
 
 def test_a_stop_counts_at_once_for_the_next_order(bench):
