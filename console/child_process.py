@@ -1,13 +1,18 @@
 """Programs that the console starts: they stand back behind the robot's loop, which may run on the same machine."""
 
 import os
+import resource
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 
 # A third of the processor time of a program of niceness 0 beside it (kernel/sched: weights 1024 and 335).
 # At 10 it is a tenth: what the operator waits for took minutes where other programs keep both cores busy.
 NICENESS = 5
+MEMORY_GB = 4  # a log of ten minutes takes less than one
+_PROCESSOR_S = 1800  # a log of ten minutes takes one minute
 
 
 def stand_back() -> None:
@@ -19,11 +24,26 @@ def start(
     module: str, *arguments: str, stdin: int = subprocess.DEVNULL, stdout: int = subprocess.DEVNULL,
     stderr: int = subprocess.DEVNULL, preexec_fn: Callable[[], None] | None = None,
 ) -> "subprocess.Popen[bytes]":  # fmt: skip
-    """Start `python -m MODULE ARGUMENTS`, which computes in one thread. The others: as for Popen."""
-    return subprocess.Popen(
+    """Start `python -m MODULE ARGUMENTS`, which computes in one thread, within bounds of memory and time.
+
+    The others: as for Popen.
+    """
+    process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments], stdin=stdin, stdout=stdout, stderr=stderr, preexec_fn=preexec_fn,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip
+    with suppress(ProcessLookupError):  # it has ended already
+        # of data: a file that is mapped takes none (man 2 getrlimit)
+        resource.prlimit(process.pid, resource.RLIMIT_DATA, (MEMORY_GB << 30, MEMORY_GB << 30))
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (_PROCESSOR_S, _PROCESSOR_S))
+    return process
+
+
+def why_ended(status: int | None) -> str:
+    """Return why a program has ended early, by its exit status, in words for the operator."""
+    if status in (-signal.SIGXCPU, -signal.SIGKILL):
+        return f"it took more than {MEMORY_GB} GB of memory or {_PROCESSOR_S // 60} minutes"
+    return f"it ended unexpectedly (status {status}): try again"
 
 
 def end(process: "subprocess.Popen[bytes]", patience_s: float) -> None:

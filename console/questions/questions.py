@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from console.child_process import start
+from console.child_process import start, why_ended
 from console.refused import Refused
 from rtstack.model.cell_description import CellDescription
 
@@ -97,4 +97,4 @@ class Questions:
         with self._lock:
             self._running.discard(process)
         if not question.done():
-            question.take({"refused": f"looking at it ended unexpectedly (status {process.returncode}): ask again"})
+            question.take({"refused": f"looking at it: {why_ended(process.returncode)}"})

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-from console.child_process import end, start
+from console.child_process import end, start, why_ended
 from console.review.columns import Index, LogColumns, read_index
 from rtstack.log_folder.catalogue import LogEntry
 
@@ -77,7 +77,11 @@ class ReviewCache:
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir()
                 process = self._readers[folder] = start("console.review.conversion", str(entry.path), str(folder))
-                (folder / _READER).write_text(str(process.pid))
+                try:
+                    (folder / _READER).write_text(str(process.pid))
+                except OSError:  # the disk is full: the reader could not write either
+                    end(self._readers.pop(folder), _END_S)
+                    raise
                 index = None
             return None if index is None else LogColumns(folder, index)
 
@@ -115,8 +119,7 @@ class ReviewCache:
             del self._readers[folder]
             index = read_index(folder)
             if folder.is_dir() and (index is None or not index.done):
-                reason = f"reading it ended unexpectedly (status {process.returncode})"
-                Index(0, 0.0, {}, done=True, error=reason).write(folder)
+                Index(0, 0.0, {}, done=True, error=why_ended(process.returncode)).write(folder)
 
     def _make_room(self) -> None:
         folders = [path for path in self._directory.iterdir() if path.is_dir() and not _being_read(path)]

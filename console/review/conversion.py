@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from console.child_process import stand_back
+from console.child_process import MEMORY_GB, stand_back
 from console.review.columns import ColumnWriter, Index, Mark
 from rtstack.log.analysis.derived import DERIVED_TOPICS, DerivedBatches
 from rtstack.log.analysis.signals import CURVES
@@ -117,7 +117,9 @@ def main(log: str, folder: str) -> int:
     """Convert one log. Returns 2, with one line on standard error and in the index, where it cannot be read."""
     try:
         convert(read_log(Path(log), truncated=True), Path(folder), stand_back)  # a page waits for the first part
-    except (LogError, OSError) as error:
+    except (LogError, OSError, MemoryError) as error:
+        if isinstance(error, MemoryError):
+            error = LogError(f"it takes more than {MEMORY_GB} GB of memory")
         Index(0, 0.0, {}, done=True, error=str(error)).write(Path(folder))
         print(error, file=sys.stderr)
         return 2
