@@ -13,13 +13,14 @@ import os
 import socket
 import sys
 import warnings
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 
 import uvicorn
 from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from console.address import Address
 from console.app import create_app
+from console.connections import Door, raise_descriptor_limit
 from console.parts import assemble
 from console.refused import Refused
 from console.server import server_settings
@@ -46,7 +47,8 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
-            os.write(self._ready, f"{self._ready_line}\n".encode())
+            with suppress(BrokenPipeError):  # the supervisor was killed
+                os.write(self._ready, f"{self._ready_line}\n".encode())
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -60,7 +62,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     ready = os.dup(sys.stdout.fileno())
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is for the terminal, not the supervisor
-    listener = socket.socket(fileno=asked.listener)
+    raise_descriptor_limit()
+    listener = Door(socket.socket(fileno=asked.listener))
     host, port = listener.getsockname()
     if not asked.alone and not sys.stdin.readline():
         return 0  # the supervisor has gone

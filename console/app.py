@@ -1,5 +1,6 @@
 """The FastAPI application: routes, one JSON line for every error, and the guard in front of all of it."""
 
+import errno
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
@@ -65,6 +66,8 @@ def create_app(parts: Parts, address: Address) -> FastAPI:
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _bad_request)
+    app.add_exception_handler(OSError, _no_disk)
+    app.add_exception_handler(Exception, _unexpected)
     for kind in (Refused, *_STATUSES):
         app.add_exception_handler(kind, _refused)
     app.add_middleware(Guard, sign_in=parts.sign_in, address=address)
@@ -101,12 +104,31 @@ def _bad_request(request: Request, error: Exception) -> Response:
     return _answer(request, 422, " ".join(f"{key}: {first['msg']}".split()))
 
 
+def _no_disk(request: Request, error: Exception) -> Response:
+    """Answer where a file cannot be read or written."""
+    assert isinstance(error, OSError)
+    name = f"{Path(str(error.filename)).name}: " if error.filename else ""
+    status, todo = _DISK.get(error.errno or 0, (500, "check the folder of logs, then try again"))
+    return _answer(request, status, f"{name}{error.strerror or error}; {todo}")
+
+
+def _unexpected(_: Request, error: Exception) -> Response:
+    text = f"internal error: {type(error).__name__}; the console's terminal says where: please report it"
+    return JSONResponse({"error": text}, status_code=500, headers={"x-content-type-options": "nosniff"})
+
+
 def _refused(request: Request, error: Exception) -> Response:
     own = error.status if isinstance(error, Refused) else None
     status = own or next(_STATUSES[kind] for kind in type(error).__mro__ if kind in _STATUSES)
     return _answer(request, status, str(error))
 
 
+_FULL = 507, "delete logs on the page Logs, or make room on the disk in another way"
+_BUSY = 503, "close pages and other programs, then try again"
+_DISK = {
+    errno.ENOSPC: _FULL, errno.EDQUOT: _FULL, errno.EFBIG: _FULL, errno.EMFILE: _BUSY, errno.ENFILE: _BUSY,
+    errno.ENOMEM: _BUSY, errno.EAGAIN: _BUSY, errno.ENOENT: (404, "it was removed meanwhile: load the page again"),
+}  # fmt: skip
 _STATUSES: dict[type[Exception], int] = {
     NoSuchToken: 404,
     RobotRefused: 409, NoReference: 409, TokensError: 409, ConfigurationError: 409, TrialError: 409,

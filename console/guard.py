@@ -5,16 +5,15 @@ A browser has a cookie, and has to show that a change comes from our own page: O
 has a bearer token, which no browser sends by itself, and needs neither.
 """
 
-from urllib.parse import parse_qs
-
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.requests import cookie_parser
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from console.address import Address
+from console.connections import OF_ONE_SESSION, welcome
 from console.sign_in import SignIn, UserSession, csrf_matches
 from console.templates import is_page, sign_in_page
 from rtstack.access.tokens import Scope as Right
@@ -23,7 +22,8 @@ CSRF_HEADER = "x-csrf-token"
 MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _STOP = "/api/stop"
-_FOR_VIEWERS = (_STOP, "/api/sign-out")  # changes that a viewer may ask for
+SIGN_IN = "/sign-in"  # where our forms bring a token or a code
+_FOR_VIEWERS = (_STOP, "/api/sign-out", SIGN_IN)  # changes that a viewer may ask for
 _STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/", "/api/cameras/")
 _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 
@@ -46,7 +46,7 @@ FEED_PREFIX = "/foxglove/"
 
 
 class Guard:
-    """Lets through what comes from our own pages, and signs in who brings the token."""
+    """Lets through what comes from our own pages."""
 
     def __init__(self, app: ASGIApp, sign_in: SignIn, address: Address) -> None:
         self._app = app
@@ -69,21 +69,29 @@ class Guard:
                 session = stopper if scope["path"] == _STOP else None
         else:
             kind, _, word = bearer.partition(" ")
-            session = self._sign_in.program(word.strip()) if kind.lower() == "bearer" else None
+            word = word.strip() if kind.lower() == "bearer" else ""
+            session = self._sign_in.program(word)
+            if session is None and scope["path"] == _STOP:
+                session = self._sign_in.stopping_program(word)
+            if session is None:
+                await run_in_threadpool(self._sign_in.refused, "a bearer token", (scope.get("client") or ("",))[0])
         if scope["type"] == "websocket" and scope["path"].startswith(FEED_PREFIX):
             # Foxglove has no cookie and an origin of its own: the word in the address lets it in, to watch only
             session = self._sign_in.watching(scope["path"].removeprefix(FEED_PREFIX))
-        scope.setdefault("state", {}).update(session=session, stopper=stopper)
+        state = scope.setdefault("state", {})
+        state.update(session=session, stopper=stopper)
         refusal = self._refusal(scope, headers, session)
+        connections = 1
+        if session is not None and refusal is None:
+            connections = welcome(state["stream"], session.key or session.operator)
         if scope["type"] == "websocket":
-            if refusal is not None:
+            if refusal is not None or connections > OF_ONE_SESSION:
                 await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
                 return
             scene = scope["path"].startswith(SCENE_PREFIX)
             await self._app(scope, receive if scene else _text_only(receive, send), send)
             return
-        answer = refusal if refusal is not None else await self._signing_in(scope, session)
-        await (answer or self._app)(scope, _capped(receive), _with_security_headers(scope, send))
+        await (refusal or self._app)(scope, _capped(receive), _with_security_headers(scope, send))
 
     def _refusal(self, scope: Scope, headers: Headers, session: UserSession | None) -> Response | None:
         if headers.get("host") not in self._address.hosts:
@@ -101,12 +109,13 @@ class Guard:
             if bearer:
                 return _refuse(401, "this bearer token is not known, or was revoked")
             # the front page says itself how to sign in
-            if not websocket and not changes and (path == "/" or path.startswith(_OPEN_PREFIX)):
+            by_address = path == "/" and bool(scope["query_string"])  # perhaps a token or a code
+            if not websocket and (path == SIGN_IN if changes else by_address or path.startswith(_OPEN_PREFIX)):
                 return None
             if not websocket and is_page(scope["method"], path):
-                return sign_in_page(self._address, scope["state"]["stopper"])
+                return sign_in_page(self._address, scope["state"]["stopper"], 401)
             return _refuse(401, "not signed in: open the address that `rtstack up` printed, or bring a bearer token")
-        if changes and not bearer and not csrf_matches(session, headers.get(CSRF_HEADER)):
+        if changes and not bearer and path != SIGN_IN and not csrf_matches(session, headers.get(CSRF_HEADER)):
             return _refuse(403, f"the header {CSRF_HEADER} is missing or wrong: reload the page")
         if session.scope is not Right.OPERATE and (
             (changes and path not in _FOR_VIEWERS) or (websocket and not path.startswith(_STREAMS_FOR_VIEWERS))
@@ -115,28 +124,6 @@ class Guard:
         length = headers.get("content-length", "0")
         if length.isdecimal() and int(length) > MAX_BODY_BYTES:
             return _refuse(413, _TOO_LONG)
-        return None
-
-    async def _signing_in(self, scope: Scope, session: UserSession | None) -> Response | None:
-        asked = parse_qs(scope["query_string"].decode("ascii", "replace"))
-        tokens, codes = asked.get("token"), asked.get("code")
-        if scope["path"] != "/" or scope["method"] != "GET" or (tokens is None and codes is None):
-            return None
-        clean = RedirectResponse("/", status_code=303)  # the token stays in no address bar and in no history
-        if session is not None and session.token is not None:
-            return clean  # a program needs no cookie
-        # both write to the audit trail
-        if tokens is not None:
-            new = await run_in_threadpool(self._sign_in.redeem, tokens[0], session)
-        else:
-            new = await run_in_threadpool(self._sign_in.redeem_code, (codes or [""])[0], session)
-        if new is not None:
-            for name, value in ((self._sign_in.cookie, new.key), (self._sign_in.stop_cookie, new.stop)):
-                clean.set_cookie(name, value, httponly=True, samesite="strict", path="/", secure=self._address.https)
-            return clean
-        if session is not None:
-            return clean
-        scope["state"]["refused_token"] = True
         return None
 
 
@@ -184,7 +171,7 @@ def _with_security_headers(scope: Scope, send: Send) -> Send:
             headers = MutableHeaders(scope=message)
             headers.setdefault("content-security-policy", policy)  # a report has a stricter one
             headers["x-content-type-options"] = "nosniff"
-            headers["referrer-policy"] = "no-referrer"
+            headers.setdefault("referrer-policy", "no-referrer")
             headers["cross-origin-opener-policy"] = "same-origin"
             headers["cross-origin-resource-policy"] = "same-origin"
             headers["permissions-policy"] = _DEVICE_POLICY

@@ -1,6 +1,7 @@
 """How the application is served: the same for the stack and for the tests that attack it."""
 
 import asyncio
+import asyncio.constants
 import ssl
 
 import h11
@@ -18,9 +19,10 @@ class PatientProtocol(H11Protocol):
     _late: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for the first request."""
+        """Begin to wait for the first request. The guard finds the connection by the stream in the scope's state."""
         super().connection_made(transport)
-        self._late = self.loop.call_later(PATIENCE_S, transport.close)
+        self.app_state = {**self.app_state, "stream": transport.get_extra_info("socket")}
+        self._late = self.loop.call_later(PATIENCE_S, transport.abort)
 
     def data_received(self, data: bytes) -> None:
         """Take a part of a request; it does not begin the time anew."""
@@ -28,7 +30,7 @@ class PatientProtocol(H11Protocol):
         if self.conn.their_state not in (h11.IDLE, h11.SEND_BODY) or self.transport.get_protocol() is not self:
             self._arrived()
         elif self._late is None:
-            self._late = self.loop.call_later(PATIENCE_S, self.transport.close)
+            self._late = self.loop.call_later(PATIENCE_S, self.transport.abort)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Wait for nothing any more."""
@@ -45,10 +47,12 @@ def server_settings(app: FastAPI, tls: ssl.SSLContext | None = None) -> uvicorn.
     """Return uvicorn's settings; with tls, it speaks HTTPS alone. No proxy is believed, and nothing says which server
     this is.
     """
+    if tls is not None:  # uvicorn hands neither on
+        asyncio.constants.SSL_HANDSHAKE_TIMEOUT = asyncio.constants.SSL_SHUTDOWN_TIMEOUT = PATIENCE_S  # type: ignore[misc]
     return uvicorn.Config(
         app,
         lifespan="on",
-        log_level="warning",
+        log_level="error",  # a warning is a line for each request that is none
         access_log=False,
         http=PatientProtocol,
         ws="websockets-sansio",

@@ -19,7 +19,10 @@ INVITATION_S = 600.0
 _MAX_INVITATIONS = 32
 PAIRING_S = 120.0
 _now_s = time.monotonic
-CODE_DIGITS, MAX_GUESSES = 6, 5  # five guesses at a million: one in 200,000 is right
+CODE_DIGITS, MAX_GUESSES = 6, 5  # guesses of an address before it has to wait
+_ALL_GUESSES = 200  # of all addresses together, at a million: one in 5,000 is right
+_WAIT_S, _LONGEST_S = 15.0, 60.0  # after that many, and at most
+_MAX_NOTED, _NOTED_S = 20, 60.0  # lines about refusals, within so long
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class _Code:
     code: str
     scope: Scope
     ends_s: float
-    guesses: int = 0
+    guesses: dict[str, tuple[int, float]] = field(default_factory=dict)  # by address: wrong ones, and no other before
 
 
 class SignIn:
@@ -68,6 +71,7 @@ class SignIn:
         self._used_s: dict[str, float] = {}  # token's id -> Unix time, s
         self._redeemed = 0
         self._code: _Code | None = None
+        self._noted: dict[tuple[str, str], float] = {}  # refusals in the audit trail, and when
 
     @property
     def token(self) -> str | None:
@@ -98,15 +102,24 @@ class SignIn:
             self._code = _Code(code, scope, _now_s() + PAIRING_S)
         return code
 
-    def redeem_code(self, code: str, instead_of: UserSession | None = None) -> UserSession | None:
-        """Exchange a code for a browser's session, as `redeem` a token. After MAX_GUESSES wrong ones it is void."""
+    def redeem_code(
+        self, code: str, instead_of: UserSession | None = None, address: str = ""
+    ) -> UserSession | None:  # fmt: skip
+        """Exchange a code for a browser's session, as `redeem` a token.
+
+        address: the client's. After MAX_GUESSES wrong codes it has to wait, twice as long after each further one.
+        """
         with self._lock:
-            known = self._code
-            if known is None or known.ends_s < _now_s():
+            known, now_s = self._code, _now_s()
+            if known is None or known.ends_s < now_s:
+                return None
+            wrong, locked_s = known.guesses.get(address, (0, 0.0))
+            if locked_s > now_s:
                 return None
             if not _same(code.replace(" ", ""), known.code):
-                known.guesses += 1
-                if known.guesses >= MAX_GUESSES:
+                wait_s = 0.0 if wrong + 1 < MAX_GUESSES else min(_LONGEST_S, _WAIT_S * 2.0 ** (wrong + 1 - MAX_GUESSES))
+                known.guesses[address] = wrong + 1, now_s + wait_s
+                if sum(count for count, _ in known.guesses.values()) >= _ALL_GUESSES:
                     self._code = None
                 return None
             self._code = None
@@ -114,6 +127,21 @@ class SignIn:
         text = f"{session.operator} signed in in a browser by a code: {session.scope}"
         self._audit.note("sign in", session.operator, text)
         return session
+
+    def waits_s(self, address: str) -> float:
+        """Return how long an address has to wait before its next code counts, s."""
+        with self._lock:
+            return 0.0 if self._code is None else max(0.0, self._code.guesses.get(address, (0, 0.0))[1] - _now_s())
+
+    def refused(self, what: str, address: str) -> None:
+        """Note in the audit trail what an address brought in vain, once in _NOTED_S for each."""
+        with self._lock:
+            now_s = _now_s()
+            self._noted = {key: s for key, s in self._noted.items() if now_s - s < _NOTED_S}
+            if (what, address) in self._noted or len(self._noted) >= _MAX_NOTED:
+                return
+            self._noted[what, address] = now_s
+        self._audit.note("refused", None, f"{what} from {address} was refused")
 
     def redeem(self, token: str, instead_of: UserSession | None = None) -> UserSession | None:
         """Exchange a one-time token for a browser's session. Returns None for a wrong, old or used one.
@@ -130,6 +158,12 @@ class SignIn:
         self._audit.note("sign in", session.operator, f"{session.operator} signed in in a browser: {scope}")
         return session
 
+    def is_open(self, token: str) -> bool:
+        """Whether a one-time token would sign a browser in."""
+        with self._lock:
+            self._drop_old_invitations()
+            return any(_same(token, own) for own in self._open)
+
     def program(self, word: str) -> UserSession | None:
         """Return the session of a bearer token, None where it is none of ours. Waits for no disk to write."""
         token = self.tokens.match(word)
@@ -143,6 +177,11 @@ class SignIn:
                 session = UserSession(key, "", float("inf"), name, token.scope, token.id)
                 self._sessions[key], self._programs[token.id] = session, key
             return session
+
+    def stopping_program(self, word: str) -> UserSession | None:
+        """Return as whom a program may still stop while the file of tokens is not there; see Tokens.may_stop."""
+        token = self.tokens.may_stop(word)
+        return None if token is None else UserSession("", "", float("inf"), token.name, Scope.VIEW, token.id)
 
     def used_s(self, token_id: str) -> float | None:
         """Return when a program last brought this token, Unix time in s; None where not since this process began."""

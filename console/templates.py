@@ -3,6 +3,7 @@
 import re
 from functools import cache
 from http import HTTPStatus
+from math import ceil
 from pathlib import Path, PurePosixPath
 
 from fastapi import Request
@@ -75,14 +76,21 @@ def show(template: str, page: str, request: Request, parts: Parts, **more: objec
     return HTMLResponse(rendered)
 
 
-def sign_in_page(address: Address, stopper: UserSession | None, *, refused: bool = False) -> HTMLResponse:
+def sign_in_page(
+    address: Address, stopper: UserSession | None, status: int, waits_s: float = 0.0, token: str = "", operator: str = ""
+) -> HTMLResponse:  # fmt: skip
     """Return how to sign in, with STOP for a browser that was signed in before.
 
-    refused: the address's token, or the code, was not good.
+    status: 401; 403 where a token or a code was not good; 429 where the next code counts after waits_s; 200 where the
+    token is good, and has to be confirmed. operator: of the session that it would end.
     """
     csrf, scope = ("", "") if stopper is None else (stopper.csrf, stopper.scope)
-    page = TEMPLATES.get_template("sign_in.html").render(csrf=csrf, scope=scope, base=address.base, refused=refused)
-    return HTMLResponse(page, status_code=403 if refused else 401, headers={"www-authenticate": "Bearer"})
+    page = TEMPLATES.get_template("sign_in.html").render(
+        csrf=csrf, scope=scope, base=address.base, status=status, waits_s=ceil(waits_s), token=token, operator=operator
+    )
+    # with no-referrer, a browser's form would bring no Origin: Fetch, "append a request Origin header"
+    headers = {"www-authenticate": "Bearer", "referrer-policy": "same-origin"}
+    return HTMLResponse(page, status_code=status, headers=headers)
 
 
 def error_page(status: int, text: str, request: Request, parts: Parts) -> HTMLResponse:

@@ -1,7 +1,8 @@
 """The robot: its status, its modes' names; the live state, pushed to the page 20 times a second, and its answers.
 
 A page answers each view that it has shown: that is its operator's sign of life. It needs no timer, which a browser
-slows down in a hidden tab, and a page that is closed, frozen or broken gives none.
+slows down in a hidden tab, and a page that is closed, frozen or broken gives none. STOP comes by this way, too: it is
+open already where a new connection has to wait.
 
 Foxglove has a WebSocket of its own, and the guard has let in who knows its address.
 """
@@ -17,6 +18,7 @@ from console.guard import FEED_PREFIX
 from console.live.feed import PERIOD_S, SUBPROTOCOLS, Feed, server_info
 from console.live.watch import EventView
 from console.parts import NeedsParts, NeedsSession, parts_of, session_now
+from console.routes.control import report_stop
 from console.routes.problems import problems
 from console.routes.sockets import SIGNED_OUT, listening
 from rtstack.live.protocol import Status
@@ -30,6 +32,8 @@ _PERIOD_S = 0.05
 _MAX_CLIENTS = 4  # Foxglove's
 _clients: set[WebSocket] = set()
 BEAT = "beat"
+STOP, REPORT_STOP = "stop", "report stop"  # the second one where a page's request did not get through
+_MAX_REPORTS = 1000  # of one page
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +67,18 @@ async def live(websocket: WebSocket) -> None:
     parts = parts_of(websocket)
     watch, ghost = parts.watch, parts.scenes.ghost
 
+    reports: list[asyncio.Task[None]] = []
+
     def hear(message: str) -> None:
         session = session_now(websocket)
-        if message == BEAT and session is not None:
+        if session is None:
+            return
+        if message == BEAT:
             parts.heartbeats.note(session.operator)
+        elif message == STOP:
+            parts.mailbox.request_stop()
+        elif message == REPORT_STOP and len(reports) < _MAX_REPORTS:
+            reports.append(asyncio.create_task(report_stop(parts, session)))
 
     await websocket.accept()
     async with listening(websocket, hear):

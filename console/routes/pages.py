@@ -1,12 +1,15 @@
 """The pages."""
 
 from contextlib import suppress
+from urllib.parse import parse_qs
 
 from fastapi import APIRouter, Request
-from fastapi.responses import HTMLResponse, Response
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from starlette.concurrency import run_in_threadpool
 
+from console.guard import SIGN_IN
 from console.live.remedies import chapters
-from console.parts import NeedsParts, takes_two_arms
+from console.parts import NeedsParts, Parts, parts_of, takes_two_arms
 from console.refused import Refused
 from console.review.logs import entry_of, opened_entry
 from console.routes.recordings import recording_entry
@@ -32,12 +35,47 @@ def modes() -> Response:
 
 
 @router.get("/", response_class=HTMLResponse)
-def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
-    """Return the page Operate, or how to sign in."""
-    if request.state.session is None:
-        refused = getattr(request.state, "refused_token", False)
-        return sign_in_page(parts.sign_in.address, request.state.stopper, refused=refused)
-    return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
+def operate(request: Request, parts: NeedsParts, token: str = "", code: str = "") -> Response:
+    """Return the page Operate, or how to sign in.
+
+    The address signs a browser in that has no session, and that no other site has led here. Else our own page has to
+    be confirmed first: no link replaces a session, and no picture of another site guesses a code.
+    """
+    session = request.state.session
+    if session is not None and not (token or code):
+        return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
+    if session is None and (token or code) and request.headers.get("sec-fetch-site", "none") in ("none", "same-origin"):
+        return _signed_in(request, parts, token, code)
+    if (session is None or session.token is None) and parts.sign_in.is_open(token):
+        operator = "" if session is None else session.operator
+        return sign_in_page(parts.sign_in.address, request.state.stopper, 200, token=token, operator=operator)
+    if session is None:
+        return sign_in_page(parts.sign_in.address, request.state.stopper, 401)
+    return RedirectResponse("/", status_code=303)
+
+
+async def sign_in(request: Request) -> Response:
+    """Sign a browser in by the token or the code in a form of ours, which its Origin shows: there is no word yet."""
+    asked = parse_qs((await request.body()).decode("ascii", "replace"))
+    token, code = (asked.get(name, [""])[0] for name in ("token", "code"))
+    return await run_in_threadpool(_signed_in, request, parts_of(request), token, code)
+
+
+router.add_route(SIGN_IN, sign_in, methods=["POST"])  # of pages alone: no part of the interface
+
+
+def _signed_in(request: Request, parts: Parts, token: str, code: str) -> Response:
+    known, session = parts.sign_in, request.state.session
+    client = "" if request.client is None else request.client.host
+    new = known.redeem(token, session) if token else known.redeem_code(code, session, client)
+    if new is None:
+        waits_s = 0.0 if token else known.waits_s(client)
+        known.refused(f"a {'token' if token else 'code'}{', which has to wait now,' * (waits_s > 0)}", client)
+        return sign_in_page(known.address, request.state.stopper, 429 if waits_s else 403, waits_s=waits_s)
+    clean = RedirectResponse("/", status_code=303)  # the token stays in no address bar and in no history
+    for name, value in ((known.cookie, new.key), (known.stop_cookie, new.stop)):
+        clean.set_cookie(name, value, httponly=True, samesite="strict", path="/", secure=known.address.https)
+    return clean
 
 
 def _add(address: str, name: str, two_arms: str = "", **shown: object) -> None:

@@ -20,7 +20,8 @@ _MEANINGS = {
     413: "the body is too long",
     422: "a value is missing or wrong; the line begins with its name",
     500: "a file beside the logs is broken; the line says which",
-    503: "the robot process does not answer",
+    503: "the robot process does not answer, or this machine has no descriptors or memory left",
+    507: "the disk is full",
 }
 
 

@@ -13,7 +13,9 @@ The form is that of viser.infra._infra._message_producer, whose place this takes
 import contextlib
 import hmac
 import io
+import logging
 import secrets
+import socket
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
@@ -33,6 +35,9 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from console.connections import Door, welcome
+
+_STRANGERS = 16  # connections without the secret at a time: nothing but the proxy has to connect here
 _KEPT = 8  # windows: pages are at most a few of them apart
 
 
@@ -111,19 +116,24 @@ def _guarded(secret: str) -> Iterator[None]:
     """While it lasts, a WebSocket server that is made refuses every request without the secret."""
     serve = websockets.asyncio.server.serve
 
-    def guarded_serve(handler: Any, *arguments: Any, process_request: ProcessRequest | None = None, **more: Any) -> Any:
+    def guarded_serve(
+        handler: Any, host: str, port: int, *, process_request: ProcessRequest | None = None, **more: Any
+    ) -> Any:
         def check(connection: ServerConnection, request: Request) -> Response | None:
             brought = request.headers.get(SECRET_HEADER, "")
             if not hmac.compare_digest(brought.encode(), secret.encode()):
                 return Response(HTTPStatus.FORBIDDEN, "Forbidden", Headers({"Content-Length": "0"}), b"")
+            welcome(connection.transport.get_extra_info("socket"), "proxy")
             return None if process_request is None else process_request(connection, request)
 
         async def named(connection: ServerConnection) -> None:
             VIEW.set("" if connection.request is None else connection.request.headers.get(VIEW_HEADER, ""))
             await handler(connection)
 
-        return serve(named, *arguments, process_request=check, **more)
+        door = Door(socket.create_server((host, port)), _STRANGERS)
+        return serve(named, sock=door, process_request=check, **more)
 
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a traceback for each client that says nothing
     websockets.asyncio.server.serve = guarded_serve  # type: ignore[misc,assignment]
     try:
         yield

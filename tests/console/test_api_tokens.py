@@ -140,3 +140,34 @@ def test_two_sessions_never_share_a_name(served):
         answer = bot.post("/api/arm")
         assert answer.status_code == 409
         assert bot.post("/api/take", json={"operator": "operator 1"}).status_code == 409
+
+
+@pytest.mark.parametrize("gone", ["moved", "replaced", "another stack's", "unreadable"])
+def test_a_program_stops_while_the_folder_of_its_token_is_away_and_does_no_more(served, gone):
+    token, word = served.parts.sign_in.tokens.create("bot", Scope.OPERATE)
+    revoked, other = served.parts.sign_in.tokens.create("other", Scope.OPERATE)
+    elsewhere = served.logs.with_name("elsewhere")
+    with program(served, word) as bot, program(served, other) as out:
+        assert [each.get("/api/me").status_code for each in (bot, out)] == [200, 200]
+        served.parts.sign_in.tokens.revoke(revoked.id)
+        if gone == "unreadable":
+            served.parts.sign_in.tokens.path.chmod(0o644)
+        else:
+            served.logs.rename(elsewhere)
+        if gone in ("replaced", "another stack's"):
+            served.logs.mkdir()
+        if gone == "another stack's":
+            Tokens(served.logs).create("third", Scope.VIEW)
+        assert bot.get("/api/me").status_code == 401
+        assert bot.post("/api/take", json={}).status_code == 401
+        assert bot.post("/api/stop").status_code == 200
+        assert served.mailbox.stop_requested
+        assert out.post("/api/stop").status_code == 401
+        if gone == "unreadable":
+            served.parts.sign_in.tokens.path.chmod(0o600)
+        elif gone == "moved":
+            elsewhere.rename(served.logs)
+        if gone in ("unreadable", "moved"):
+            assert bot.get("/api/me").status_code == 200
+            served.parts.sign_in.tokens.revoke(token.id)
+            assert bot.post("/api/stop").status_code == 401

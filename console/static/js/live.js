@@ -21,6 +21,7 @@ export class Live {
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket = socket;
     socket.addEventListener("message", (message) => {
       this.view = JSON.parse(message.data);
       this.receivedMs = performance.now();
@@ -31,6 +32,11 @@ export class Live {
       if (code === SIGNED_OUT) showError("This browser is not signed in any more: STOP still works, nothing else. Reload the page to see how to sign in.");
       setTimeout(() => this.connect(), RETRY_MS);
     });
+  }
+
+  // Send a word where the socket is open.
+  say(word) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(word);
   }
 
   // Age of what is on screen, s: as old as the console says, and older by the time since it said so.

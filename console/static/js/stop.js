@@ -8,7 +8,10 @@ import { showError } from "./errors.js";
 const TEXT_TYPES = new Set(["text", "search", "number", "email", "url", "password", "tel"]);
 const OLD_S = 0.5;
 
+const SEEN_MS = 1000; // within it, arms that STOP has reached are at rest
+
 let mayMove = () => true;
+let say = () => {}; // by the live socket, which is open already: a request may have to wait for a connection
 
 export function isTextField(element) {
   if (!element) return false;
@@ -19,10 +22,14 @@ export function isTextField(element) {
 export async function stop() {
   const button = document.getElementById("stop");
   button.dataset.state = "requested";
+  say("stop");
   closeDialog(); // a question about a motion is out of date
   try {
     await post("/api/stop");
   } catch (error) {
+    say("report stop");
+    await new Promise((resolve) => setTimeout(resolve, SEEN_MS));
+    if (error.status === null && !mayMove()) return; // it came by the socket
     delete button.dataset.state;
     showError(`STOP was not delivered, the robot goes on: ${error.message} Use the robot's own stop.`, "worst");
   }
@@ -48,6 +55,7 @@ export function startStop(live) {
   button.addEventListener("click", stop);
   listenForSpace(window);
   if (live === null) return;
+  say = (word) => live.say(word);
   mayMove = () => live.since() > OLD_S || live.view.state.active;
   live.onView((view) => {
     const job = view.status?.job;

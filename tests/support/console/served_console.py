@@ -16,6 +16,7 @@ from fastapi import FastAPI
 
 from console.address import Address
 from console.app import create_app
+from console.connections import Door
 from console.parts import Parts, assemble
 from console.server import server_settings
 from deploy import cells
@@ -93,7 +94,7 @@ def serve_console(logs: Path, cell_file: Path = CELL) -> Iterator[ServedConsole]
         job_manager.authority._arming._lease_s = LEASE_S
         service = Service(job_manager, folder / "robot.sock")
         stack.callback(service.close)
-        listener = socket.create_server(("127.0.0.1", 0))
+        listener = Door(socket.create_server(("127.0.0.1", 0)))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
         own_cell = Path(shutil.copy(cell_file, folder / "cell.toml"))  # what a calibration writes to
