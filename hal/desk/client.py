@@ -10,16 +10,22 @@ is said. From then on a connection to another certificate is refused, before use
 """
 
 import hashlib
+import json
+import socket
 import ssl
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import httpx
 
 from hal.base.files import write_whole
 from hal.base.shared import user_folder
-from hal.desk.state import DeskState, owner_of, state_of
+from hal.desk.state import DeskState, owner_of, plain, state_of
 from hal.errors import HardwareError
 
 HTTPS = 443
@@ -56,7 +62,13 @@ class Trust:
 
     def remember(self, address: str) -> str:
         """Remember the certificate that the box shows now; return its fingerprint. Raises OSError."""
-        pem = ssl.get_server_certificate(host_and_port(address), timeout=_TIMEOUT_S)
+        context = ssl.create_default_context()
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        with (
+            socket.create_connection(host_and_port(address), _TIMEOUT_S) as line, line.dup() as same,
+            _within(_TIMEOUT_S, [same]), context.wrap_socket(line) as encrypted,
+        ):  # fmt: skip
+            pem = ssl.DER_cert_to_PEM_cert(encrypted.getpeercert(binary_form=True) or b"")
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_whole(self.file(address), pem, mode=0o600)
         return fingerprint(pem)
@@ -89,7 +101,28 @@ def fingerprint(pem: str) -> str:
     return "SHA-256 " + ":".join(digest[k : k + 2] for k in range(0, len(digest), 2))
 
 
+@contextmanager
+def _within(seconds: float, lines: Sequence[socket.socket]) -> Iterator[None]:
+    """Return a context that hangs up after so long: a server that sends a byte now and then ends no read by itself."""
+    timer = Timer(seconds, _hang_up, (lines,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _hang_up(lines: Sequence[socket.socket]) -> None:
+    for line in lines:
+        with suppress(OSError):
+            line.shutdown(socket.SHUT_RDWR)
+
+
 _ANSWER_S = 5.0
+_MOST_BYTES = 1 << 20  # of an answer, unpacked: a box's have some hundreds
+_TOO_LONG = f"its answer is longer than {_MOST_BYTES} bytes"
+_GZIP = 16 + zlib.MAX_WBITS
 _SLOW_S = 600.0  # brakes take seconds, the self-test minutes
 _CONTROL = "/api/system/control-token"
 _ADVICE = {
@@ -140,14 +173,20 @@ class Desk:
             base_url=f"https://{host}" + (f":{port}" if port != HTTPS else ""),
             verify=trust.context(address),
             auth=(sign_in.user, sign_in.password) if sign_in else None,
-            timeout=_ANSWER_S,
+            headers={"accept-encoding": "gzip"},
             trust_env=False,  # no proxy, no other certificates
         )
+        self._lines: list[socket.socket] = []  # the connection once more, to hang up on it
         self._version: Any = None
 
     def close(self) -> None:
         """Disconnect. Never raises."""
         self._client.close()
+        self._close_lines()
+
+    def _close_lines(self) -> None:
+        while self._lines:
+            self._lines.pop().close()
 
     def state(self) -> DeskState:
         """Return what the box says of itself. Changes nothing, and needs no control. Raises DeskError, NotTrusted."""
@@ -172,7 +211,7 @@ class Desk:
                 error.status, error.code,
             ) from None  # fmt: skip
         token, number = (answer.get("token"), answer.get("tokenId")) if isinstance(answer, dict) else (None, None)
-        if not isinstance(token, str):
+        if not isinstance(token, str) or not (token.isascii() and token.isprintable()):
             raise DeskError(f"{self.called}: it gave no control token; is its system older than 5.9?")
         self.control = Control(token, number if isinstance(number, int) else None)
         return self.control
@@ -218,45 +257,73 @@ class Desk:
 
     def _read(self, path: str, optional: bool = False) -> Any:
         answer = self._request("GET", path)
-        if optional and answer.status_code in (401, 403, 404):
+        if optional and answer.status in (401, 403, 404):
             return None
         return self._content(answer)
 
     def _tell(self, path: str, body: dict[str, Any] | None = None, slow_s: float = 0.0) -> Any:
         headers = {"X-Control-Token": self.control.token} if self.control else {}
-        timeout = httpx.Timeout(_ANSWER_S, read=_ANSWER_S + slow_s)
-        return self._content(self._request("POST", path, json=body or {}, headers=headers, timeout=timeout))
+        return self._content(self._request("POST", path, slow_s, json=body or {}, headers=headers))
 
-    def _request(self, method: str, path: str, **more: Any) -> httpx.Response:
+    def _connected(self, event: str, found: Mapping[str, Any]) -> None:
+        """Called by httpcore at each of its steps."""
+        if event == "connection.connect_tcp.complete":
+            self._lines.append(found["return_value"].get_extra_info("socket").dup())
+
+    def _request(self, method: str, path: str, slow_s: float = 0.0, **more: Any) -> "_Answer":
+        """Return the whole answer, of at most _MOST_BYTES, within _ANSWER_S + slow_s."""
+        more |= {"timeout": httpx.Timeout(_ANSWER_S, read=_ANSWER_S + slow_s), "extensions": {"trace": self._connected}}
         try:
-            return self._client.request(method, path, **more)
-        except httpx.HTTPError as error:
+            with _within(_ANSWER_S + slow_s, self._lines), self._client.stream(method, path, **more) as answer:
+                body = b""
+                for part in answer.iter_raw():
+                    body += part
+                    if len(body) > _MOST_BYTES:
+                        raise httpx.DecodingError(_TOO_LONG)
+                if answer.headers.get("content-encoding", "identity") != "identity":
+                    body = zlib.decompressobj(_GZIP).decompress(body, _MOST_BYTES + 1)
+                    if len(body) > _MOST_BYTES:
+                        raise httpx.DecodingError(_TOO_LONG)
+                return _Answer(answer.status_code, answer.reason_phrase, body)
+        except (httpx.HTTPError, zlib.error) as error:
+            _hang_up(self._lines)
+            self._close_lines()
             cause: BaseException | None = error
             while cause is not None:
                 if isinstance(cause, ssl.SSLCertVerificationError):
                     raise self._trust.changed(self._address) from None
                 cause = cause.__cause__ or cause.__context__
-            reason = " ".join(str(error).split()) or type(error).__name__
+            reason = plain(str(error), 400) or type(error).__name__
             raise DeskError(f"{self.called} does not answer: {reason}; is the box on, and the address right?") from None
 
-    def _content(self, answer: httpx.Response) -> Any:
-        if answer.is_success:
-            try:
-                return answer.json() if answer.content else None
-            except ValueError:
-                return answer.text
-        if answer.status_code == 401:
+    def _content(self, answer: "_Answer") -> Any:
+        if 200 <= answer.status < 300:
+            return answer.value
+        if answer.status == 401:
             raise DeskError(f"{self.called}: user or password is wrong, or missing", 401)
-        try:
-            words = answer.json()
-        except ValueError:
-            words = None
-        words = words if isinstance(words, dict) else {}
-        details = [str(one) for one in words["details"]] if isinstance(words.get("details"), list) else []
-        code, message = str(words.get("code") or ""), str(words.get("message") or answer.reason_phrase)
+        words = answer.value if isinstance(answer.value, dict) else {}
+        details = [plain(str(one)) for one in words["details"][:8]] if isinstance(words.get("details"), list) else []
+        code, message = plain(str(words.get("code") or "")), str(words.get("message") or answer.reason)
         advice = [_ADVICE[one] for one in details if one in _ADVICE]
-        what = f"{', '.join(details) or code or answer.status_code}: {message}"
-        if answer.status_code == 423:
+        what = f"{', '.join(details) or code or answer.status}: {message}"
+        if answer.status == 423:
             advice.append("control has gone to another program, or the box was restarted: try again")
-        text = " ".join(f"{self.called} refuses ({what})".split())
-        raise DeskError(text[:400] + "".join(f"; {one}" for one in advice), answer.status_code, code)
+        text = plain(f"{self.called} refuses ({what})", 400)
+        raise DeskError(text + "".join(f"; {one}" for one in advice), answer.status, code)
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """What a box has answered, whole."""
+
+    status: int
+    reason: str
+    body: bytes
+
+    @property
+    def value(self) -> Any:
+        """The JSON of the body; its text where it is none, None where it is empty."""
+        try:
+            return json.loads(self.body) if self.body else None
+        except (ValueError, RecursionError):
+            return self.body.decode(errors="replace")

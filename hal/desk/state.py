@@ -1,10 +1,12 @@
 """What a box says of itself on its Desk, and what of that a person has to change before FCI can move the arm."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 # before a self-test that is due within so long, s, a day of trials should not begin: franky's manual has 300
 SELF_TEST_SOON_S = 600.0
+_LONGEST_S = 1e9
 UNKNOWN = "unknown"
 # the types that another client (franky) names, and what leads out of them; the others need the page
 _RECOVERIES = {
@@ -69,6 +71,7 @@ def state_of(
     """Return the state that the answers give, each of them parsed JSON, or None where there was none."""
     brakes = {_word(joint, "brakeStatus") for joint in joints} if isinstance(joints, list) else set()
     left = self_tests.get("remaining") if isinstance(self_tests, dict) else None
+    left = float(left) if isinstance(left, int | float) and abs(left) < _LONGEST_S else math.nan
     demanded = recovery.get("recovery", recovery) if isinstance(recovery, dict) else None
     return DeskState(
         status=_word(system, "status"),
@@ -78,9 +81,9 @@ def state_of(
         fci=_word(fci, "status"),
         control=owner_of(control),
         self_test=_word(self_tests, "status"),
-        self_test_s=float(left) if isinstance(left, int | float) else None,
+        self_test_s=None if math.isnan(left) else left,
         recovery=_word(demanded, "type", ""),
-        version=version.splitlines()[0].strip() if isinstance(version, str) and version.strip() else UNKNOWN,
+        version=plain(version.strip().partition("\n")[0]) if isinstance(version, str) and version.strip() else UNKNOWN,
         serial=_word(system, "controlSerialNumber"),
     )  # fmt: skip
 
@@ -92,4 +95,9 @@ def owner_of(control: Any) -> str:
 
 def _word(answer: Any, key: str, without: str = UNKNOWN) -> str:
     value = answer.get(key) if isinstance(answer, dict) else None
-    return " ".join(value.split())[:80] if isinstance(value, str) and value.strip() else without
+    return (plain(value) if isinstance(value, str) else "") or without
+
+
+def plain(text: str, most: int = 80) -> str:
+    """Return what a box has sent in one line of at most so many characters, none of which a terminal obeys."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text[: 10 * most]).split())[:most]
