@@ -40,7 +40,7 @@ from rtstack.live.standalone import claim, process_arguments, publish_rings, wit
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox, MailboxError
+from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
 from rtstack.safety.judge import Cause
 from rtstack.samples import ARM_SAMPLE, Level
@@ -234,27 +234,21 @@ def _name_if_there(log: Path) -> str | None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the robot process. Returns its exit status: 0 after a normal end, 2 for what cannot work."""
     asked = process_arguments("rtstack.live.robot").parse_args(arguments)
-    try:
-        if asked.alone:
-            claim(asked.run, asked.name)
-        source = live_source(asked.cell, asked.kind)
-        asked.logs.mkdir(parents=True, exist_ok=True)
-        audit = AuditTrail(asked.logs / FILE_NAME)
-        mailbox = Mailbox.create(f"{asked.name}-mailbox")
-    except (ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
-        print(f"robot process: {error}", file=sys.stderr)
-        return 2
-    job_manager = JobManager(source, mailbox, audit, asked.logs.resolve())
-    _end_by_signal(job_manager)
-    if not asked.alone:
-        watch_parent(lambda: job_manager.end(End.PARENT_GONE, "the supervisor has died"))
     with contextlib.ExitStack() as stack:
         stack.callback(remove_left)  # of a supervisor that was killed
-        stack.callback(audit.close)
-        stack.callback(mailbox.close)
         try:
+            if asked.alone:
+                claim(asked.run, asked.name)
             stack.enter_context(held(asked.run))
+            source = live_source(asked.cell, asked.kind)
+            asked.logs.mkdir(parents=True, exist_ok=True)
+            audit = AuditTrail(asked.logs / FILE_NAME)
+            stack.callback(audit.close)
+            mailbox = Mailbox.create(f"{asked.name}-mailbox")
+            stack.callback(mailbox.close)
             rings = stack.enter_context(Rings.create())
+            job_manager = JobManager(source, mailbox, audit, asked.logs.resolve())
+            _end_by_signal(job_manager)
             notifier = Notifier()
             stack.callback(notifier.close)
             pulse = Pulse(notifier)
@@ -262,10 +256,11 @@ def main(arguments: list[str] | None = None) -> int:
             stack.callback(withdraw_rings, asked.run)
             stack.callback(service.close)
             publish_rings(asked.run, rings.name)
-        except (LogError, OSError) as error:
+        except (ConfigurationError, LogError, TrialError, OSError) as error:
             print(f"robot process: {error}", file=sys.stderr)
             return 2
         if not asked.alone:
+            watch_parent(lambda: job_manager.end(End.PARENT_GONE, "the supervisor has died"))
             with contextlib.suppress(BrokenPipeError):  # the supervisor waits for this line, or was killed
                 os.write(sys.stdout.fileno(), b"ready\n")
         Robot(source, job_manager, rings, mailbox, asked.logs, pulse).run()

@@ -6,6 +6,7 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import time
 from contextlib import closing, contextmanager
 
@@ -20,6 +21,7 @@ from tests.support.console.stack import COMMAND, Stack
 
 pytestmark = pytest.mark.alone
 TIMEOUT_S = 120.0
+REMOVE = "from hal.base.shared import remove_left; remove_left()"  # as the next start does
 
 
 class MovedStack(Stack):
@@ -69,6 +71,23 @@ def log_of(stack: Stack):
     """Return the only log."""
     (path,) = stack.logs.glob("*.mcap")
     return read_log(path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGKILL])
+def test_a_supervisor_that_ends_during_its_start_leaves_nothing_and_no_traceback(tmp_path, number):
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    command = [COMMAND, "up", "--port", "0", "--logs", tmp_path / "logs"]
+    up = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    while len(children := psutil.Process(up.pid).children()) < 2:
+        time.sleep(0.01)
+    up.send_signal(number)
+    said = up.communicate(timeout=TIMEOUT_S)  # its children have the same terminal
+    assert said == ("", "")
+    _, alive = psutil.wait_procs(children, timeout=30)
+    assert alive == []
+    subprocess.run([sys.executable, "-c", REMOVE], env=environment, check=True)
+    assert not list(tmp_path.glob("rtstack-*"))
+    assert left_behind(up.pid, *(child.pid for child in children)) == []
 
 
 # each module of tests/browser ends its stack by SIGTERM
