@@ -45,7 +45,9 @@ class Hdf5:
             recording["METADATA/source.json"] = episode.source
             for attachment in episode.attachments:
                 kind = "ROBOT" if attachment.name.endswith(".urdf") else "ENVIRONMENT"
-                recording[f"{kind}/{attachment.name}"] = attachment.data.decode(errors="replace")
+                binary = b"\0" in attachment.data  # as what a fault has left, which no text of HDF5 can hold
+                content = np.void(attachment.data) if binary else attachment.data.decode(errors="replace")
+                recording[f"{kind}/{attachment.name}"] = content
             for name, topic in TOPICS.items():
                 if len(episode.records[name]):
                     self._sensor(recording, episode, topic)

@@ -162,7 +162,7 @@ class LeRobot(FrameFormat):
 
 def _kept(episode: Episode) -> dict[str, Any]:
     """Return what no frame has of a log, and `rtstack import` needs."""
-    files = {each.name: [each.media_type, each.data.decode(errors="replace")] for each in episode.attachments}
+    files = {each.name: [each.media_type, each.data.decode(errors="surrogateescape")] for each in episode.attachments}
     cameras = {
         name: {topic: [t_ns, base64.b64encode(message).decode()] for topic, (t_ns, message) in each.about.items()}
         for name, each in episode.pictures.items()

@@ -34,7 +34,7 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
     try:
         row, table, sides = _episode(folder, number)
         source = json.loads(row["source"])
-        attachments = [Attachment(name, kind, text.encode()) for name, (kind, text) in
+        attachments = [Attachment(name, kind, text.encode(errors="surrogateescape")) for name, (kind, text) in
                        json.loads(row["attachments"]).items()]  # fmt: skip
         records = _records(row, table, sides)
         cameras = json.loads(row.get("cameras", "{}"))

@@ -9,6 +9,7 @@ from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.topics import TOPICS
 from tests.support.log.samples import MS, TRIAL, WrittenLog, write_log
 
+BINARY = bytes(range(256)) * 2  # of what a fault leaves: no text
 THING = {**TRIAL, "object": "rice_box"}
 
 
@@ -43,6 +44,7 @@ def write_short(tmp_path: Path):
         with open(path, "wb") as file:
             writer = McapWriter(file)
             writer.write_metadata("trial", trial)
+            writer.attach("last_second.npz", "application/zip", BINARY)
             if utc is not None:
                 said = {"robot_time": "own clock", "utc": utc, "t_ns": str(MS), "utc_uncertainty_s": "0.001"}
                 writer.write_metadata("time", said)

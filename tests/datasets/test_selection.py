@@ -12,9 +12,11 @@ from mcap.reader import make_reader
 from rtstack.datasets.export import NothingToExport, export
 from rtstack.datasets.hdf5 import Hdf5
 from rtstack.datasets.lerobot import LeRobot
+from rtstack.datasets.lerobot_import import import_episode
 from rtstack.datasets.selection import select
 from rtstack.datasets.zarr import Zarr
 from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
 from rtstack.log_folder.remarks import EpisodeVerdict, Remarks, save_remarks
 
 OBJECTS, OPERATORS, VERDICTS = ("rice_box", "box_060"), ("anna", "Anna B"), (None, "kept", "failed", "discard")
@@ -55,11 +57,7 @@ def _facts(path: Path) -> dict[str, str | None]:
         ("object=rice", True, lambda f: False),
         ("tag=figure-5", True, lambda f: f["tag"] == "figure-5"),
         ("operator=anna", True, lambda f: f["operator"] == "anna"),
-        (
-            'operator="anna b" object=box_060',
-            True,
-            lambda f: (f["operator"], f["object"]) == ("Anna B", "box_060"),
-        ),
+        ('operator="anna b" object=box_060', True, lambda f: (f["operator"], f["object"]) == ("Anna B", "box_060")),
         ("date>=2026-11-22", True, lambda f: f["utc"] and f["utc"] >= "2026-11-22"),
         ("date<=2026-11-22", True, lambda f: f["utc"] and f["utc"][:10] <= "2026-11-22"),
         ("date>2026-11-22", True, lambda f: f["utc"] and f["utc"][:10] > "2026-11-22"),
@@ -149,7 +147,13 @@ def test_failed_runs_are_taken_where_they_are_asked_for_and_say_so(write_short, 
     write_short("b.mcap", trial, {"success": "false", "failure_reason": "safety: 260 N"}, more=[fault])
     save_remarks(tmp_path / "logs" / "a.mcap", Remarks(verdict=EpisodeVerdict.FAILED, tags=("slow",)))
     export([tmp_path / "logs"], tmp_path / "data.h5", Hdf5(), failed=True)
+    export([tmp_path / "logs"], tmp_path / "set", LeRobot(), failed=True)
+    import_episode(tmp_path / "set", 1, tmp_path / "back.mcap")
+    assert read_log(tmp_path / "back.mcap").attachment("last_second.npz") == bytes(range(256)) * 2
     with h5py.File(tmp_path / "data.h5") as file:
+        assert all(
+            group["ENVIRONMENT/last_second.npz"][()].tobytes()[:256] == bytes(range(256)) for group in file.values()
+        )
         first, second = (dict(group.attrs) for group in file.values())
     assert (first["success"], first["episode_verdict"], first["tags"]) == ("false", "failed", "slow")
     assert (second["success"], second["fault"]) == ("false", "safety: a pad pushed with 260 N")
