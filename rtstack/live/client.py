@@ -151,7 +151,13 @@ class RobotClient:
         """Send a request and return the status that answers it. Raises RobotRefused, RobotUnreachable."""
         with self._lock:
             try:
-                line = self._exchange(encode(request))
+                try:
+                    line = self._exchange(encode(request))
+                except ConnectionError:
+                    if self._socket is None:
+                        raise
+                    self._drop()  # it was idle, and made room for another one's
+                    line = self._exchange(encode(request))
                 answer = decode_answer(line)
             except (OSError, ProtocolError) as error:
                 self._drop()

@@ -6,6 +6,7 @@ priority, because they share the interpreter lock with the loop.
 
 import contextlib
 import os
+import socket
 import socketserver
 import threading
 from concurrent.futures import TimeoutError as RecoveryTimeout
@@ -33,6 +34,7 @@ from rtstack.safety.arming import Refused
 
 # of both arms at once: a real one takes 0.7 to more than 12 s (GitHub, franka_ros issues 317 and 308)
 _RECOVERY_TIMEOUT_S = 30.0
+_MOST_CONNECTIONS = 64  # a thread each; a console has four
 _WATCH_S = 0.05  # period of the calls to the control authority
 
 
@@ -63,12 +65,25 @@ class Service:
 
 class _Server(socketserver.ThreadingUnixStreamServer):
     daemon_threads = True
+    request_queue_size = 1024  # a full queue refuses at once
     job_manager: JobManager
     pulse: Pulse | None
 
+    def __init__(self, *arguments: Any) -> None:
+        self.waiting: dict[socket.socket, None] = {}  # connections without an open request, the longest first
+        super().__init__(*arguments)
+
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Called by serve_forever: only programs of this user, and of root, are served."""
-        return peer_uid(request) in (0, os.geteuid())
+        """Called by serve_forever: only programs of this user, and of root, are served, and so many at a time."""
+        if peer_uid(request) not in (0, os.geteuid()):
+            return False
+        self.waiting[request] = None
+        if len(self.waiting) > _MOST_CONNECTIONS:
+            longest = next(iter(self.waiting))
+            del self.waiting[longest]
+            with contextlib.suppress(OSError):
+                longest.shutdown(socket.SHUT_RDWR)  # its thread ends
+        return True
 
     def service_actions(self) -> None:
         """Called by serve_forever about once in _WATCH_S, whatever is asked."""
@@ -83,7 +98,10 @@ class _Handler(socketserver.StreamRequestHandler):
         assert isinstance(self.server, _Server)
         with contextlib.suppress(ConnectionError):
             while line := self.rfile.readline(MAX_LINE_BYTES):
+                self.server.waiting.pop(self.request, None)
                 self.wfile.write(encode(answer(self.server.job_manager, line)))
+                self.server.waiting[self.request] = None
+        self.server.waiting.pop(self.request, None)
 
 
 def answer(job_manager: JobManager, line: bytes) -> Answer:

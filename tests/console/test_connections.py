@@ -3,8 +3,10 @@
 import json
 import subprocess
 import sys
+import threading
 from contextlib import ExitStack
-from socket import create_connection
+from socket import AF_UNIX, create_connection
+from socket import socket as unix_socket
 
 import httpx
 import pytest
@@ -151,3 +153,16 @@ def test_the_scenes_port_has_room_for_the_proxy(served):
         wait_for(lambda: sum(map(is_open, strangers)) <= 16)
         with socket(served, "/viser/light", client) as page:
             assert page.recv(timeout=60)
+
+
+def test_programs_that_say_nothing_leave_the_robot_process_its_threads(served):
+    client = served.parts.client
+    assert client.status().holder is None
+    before = threading.active_count()
+    with ExitStack() as stack:
+        for _ in range(300):
+            silent = stack.enter_context(unix_socket(AF_UNIX))
+            silent.connect(str(client._path))
+        assert client.status().holder is None  # its connection made room, and it opens another one
+        wait_for(lambda: threading.active_count() <= before + 66)
+        assert client.take("anna").holder == "anna"
