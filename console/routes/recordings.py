@@ -18,8 +18,9 @@ from rtstack.figures.style import COLOURS
 from rtstack.log.analysis.signals import signals
 from rtstack.log_folder.catalogue import LogEntry
 from rtstack.log_folder.log_rows import RECORDINGS
+from rtstack.log_folder.remarks import EpisodeVerdict, load_remarks, save_remarks
 from rtstack.log_folder.trash import delete as throw_away
-from rtstack.references.acceptance import Acceptance, load_acceptance, save_acceptance
+from rtstack.references.acceptance import Acceptance, AcceptanceState, load_acceptance, save_acceptance
 from rtstack.samples import SIDES
 from rtstack.trials.extraction import Extraction
 
@@ -101,13 +102,21 @@ def recording(
 
 @router.post("/{log_id}")
 def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> Acceptance:
-    """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference."""
+    """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference.
+
+    It is kept then, and a rejected one has failed, unless it is discarded.
+    """
     entry = recording_entry(parts, log_id)
     if acceptance.verdict == "accepted":
         problem = _extraction(parts, entry, acceptance).answer()["problem"]
         if problem is not None:
             raise HTTPException(409, problem.replace(f"{entry.path}: ", ""))
     save_acceptance(entry.path, acceptance)
+    remarks = load_remarks(entry.path)
+    if acceptance.verdict is AcceptanceState.ACCEPTED:
+        save_remarks(entry.path, replace(remarks, verdict=EpisodeVerdict.KEPT))
+    elif acceptance.verdict is AcceptanceState.REJECTED and remarks.verdict in (None, EpisodeVerdict.KEPT):
+        save_remarks(entry.path, replace(remarks, verdict=EpisodeVerdict.FAILED))
     return acceptance
 
 

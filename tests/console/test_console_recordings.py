@@ -103,6 +103,23 @@ def test_a_rejected_recording_is_not_offered_and_what_gives_no_reference_is_not_
     assert client.get("/api/logs").json()[0]["decision"] == "rejected"
 
 
+def test_what_trials_may_follow_is_kept_and_what_is_rejected_has_failed_unless_it_was_discarded(recorded):
+    _, client, headers, log_id = recorded
+
+    def verdict(of_the_recording):
+        client.post(f"/api/recordings/{log_id}", json={"verdict": of_the_recording}, headers=headers).raise_for_status()
+        return client.get("/api/logs").json()[0]["episode_verdict"]
+
+    assert [verdict(each) for each in ("open", "rejected", "accepted", "rejected")] == [
+        None,
+        "failed",
+        "kept",
+        "failed",
+    ]
+    client.post(f"/api/logs/{log_id}/remarks", json={"verdict": "discard"}, headers=headers).raise_for_status()
+    assert verdict("rejected") == "discard"
+
+
 @pytest.mark.parametrize("said", [{"verdict": "good"}, {"nominal_impact_s": -1}, {"name": "x" * 81}, {"more": 1}])
 def test_what_is_no_acceptance_is_one_line(recorded, said):
     _, client, headers, log_id = recorded

@@ -2,6 +2,7 @@
 
 import { REAL, TWO } from "./arms.js";
 import { forgetErrors, showError } from "./errors.js";
+import { Outcome } from "./outcome.js";
 import { stop } from "./stop.js";
 import { TrialCard } from "./trial_card.js";
 
@@ -35,6 +36,7 @@ export function sentence(job, fault) {
 export function startJobLine(live, onFinished) {
   const line = document.getElementById("job-line");
   const card = TWO ? new TrialCard(live) : null; // of a grab
+  new Outcome(live, onFinished);
   let last = null;
   document.getElementById("cancel").addEventListener("click", stop);
   live.onView(({ status }) => {

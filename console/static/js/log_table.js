@@ -39,6 +39,13 @@ function outcome(row, log) {
   const element = cell(row, log.ending === "unexpected impact" ? log.ending : log.outcome, "outcome");
   element.dataset.ending = log.ending;
   element.title = log.outcome;
+  if (log.episode_verdict) {
+    const mark = document.createElement("span");
+    mark.className = "tag";
+    mark.textContent = log.episode_verdict;
+    mark.title = "A person's verdict";
+    element.append(" ", mark);
+  }
 }
 
 function verdict(row, log) {

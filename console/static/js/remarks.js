@@ -7,7 +7,7 @@ import { LOOKS } from "./scope.js";
 
 const $ = (id) => document.getElementById(id);
 
-const keep = (log, change) => post(`/api/logs/${log.id}/remarks`, { starred: log.starred, tags: log.tags, note: log.note ?? "", verdict: log.episode_verdict, ...change });
+export const keep = (log, change) => post(`/api/logs/${log.id}/remarks`, { starred: log.starred, tags: log.tags, note: log.note ?? "", verdict: log.episode_verdict, ...change });
 
 // A column of a table of logs: a star that is set and taken back by a click.
 export function star(changed) {

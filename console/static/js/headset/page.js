@@ -9,8 +9,9 @@ import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
 import { sentence } from "../job_line.js";
 import { remember } from "../memory.js";
+import { decide } from "../outcome.js";
 import { stop } from "../stop.js";
-import { logOf, tellWorth } from "../worth.js";
+import { tellWorth } from "../worth.js";
 import { Immersion } from "./immersion.js";
 
 const $ = (id) => document.getElementById(id);
@@ -20,6 +21,7 @@ const DROPPED_MS = 400;
 const FULL_N = 60; // a pulse as strong as it can be
 const LEAST_N = 5; // the impact detector's force_high
 const QUARTER = Math.PI / 2;
+const OUTCOMES = ["kept", "failed", "discard"]; // of an episode, one after the other
 
 class Headset {
   constructor(live) {
@@ -36,7 +38,8 @@ class Headset {
     this.said = "-"; // the last line about the job, or about what was pressed
     for (const [id, recorded] of [["practise", false], ["record", true]]) $(id).addEventListener("click", () => this.start(recorded));
     $("finish").addEventListener("click", () => this.finish());
-    $("accept")?.addEventListener("click", () => this.accept());
+    this.outcome = null; // what was decided of the newest recording
+    for (const outcome of OUTCOMES) $(outcome).addEventListener("click", () => this.decide(outcome));
     $("mirror")?.addEventListener("change", () => this.mirror($("mirror").checked));
     $("enter").addEventListener("click", () => this.immersion.enter());
     $("facing").addEventListener("change", () => this.face());
@@ -96,15 +99,20 @@ class Headset {
     }
   }
 
-  // The newest recording becomes a reference.
-  async accept() {
+  // The newest recording that has ended, null while there is none.
+  get recording() {
     const job = this.view?.status?.job;
+    return job?.recorded && job.log !== null && ["done", "failed", "stopped"].includes(job.state) ? job : null;
+  }
+
+  // Say what became of the newest recording: a reference is made of one that is kept.
+  async decide(outcome) {
     try {
-      if (!job?.recorded || job.state !== "done") throw new Error("there is no recording that has just been made");
-      await post(`/api/recordings/${await logOf(job)}`, { name: "", note: "", verdict: "accepted" });
-      this.tell(`Accepted: trials may follow ${job.log}.`, false);
+      if (!this.recording) throw new Error("there is no recording that has just been made");
+      this.outcome = outcome;
+      this.tell(await decide(this.recording, outcome), false);
     } catch (error) {
-      this.tell(`Not accepted: ${error.message}.`);
+      this.tell(`Not decided: ${error.message}.`);
     }
   }
 
@@ -125,7 +133,7 @@ class Headset {
     const either = (name) => pressed.left.has(name) || pressed.right.has(name);
     if (either("stick") || pressed.right.has("upper")) stop();
     if (pressed.right.has("lower") || (!TWO && pressed.left.has("lower"))) this.running ? this.finish() : this.start(true);
-    if (TWO && pressed.left.has("upper")) this.accept();
+    if (pressed.left.has("upper")) this.decide(OUTCOMES[(OUTCOMES.indexOf(this.outcome) + 1) % OUTCOMES.length]);
     if (TWO && pressed.left.has("lower")) this.mirror(!$("mirror").checked);
     if (this.dropped && !gripped) {
       this.dropped = false;
@@ -168,7 +176,7 @@ class Headset {
   // What the board says.
   get lines() {
     const { hand, status } = this.view ?? {};
-    const doing = { fault: `Fault: ${status?.reason}. Recover on the page`, held: `Leading: let go of the grip, and the ${TWO ? "pads stay" : "pad stays"}`, ready: `Hold ${TWO ? "a" : "the"} grip to lead. ${TWO ? "A" : "A or X"}: finish. B: STOP`, idle: TWO ? "A: record. Y: accept the recording. X: mirror" : "A or X: record" }[this.state];
+    const doing = { fault: `Fault: ${status?.reason}. Recover on the page`, held: `Leading: let go of the grip, and the ${TWO ? "pads stay" : "pad stays"}`, ready: `Hold ${TWO ? "a" : "the"} grip to lead. ${TWO ? "A" : "A or X"}: finish. B: STOP`, idle: TWO ? "A: record. Y: keep the recording, again: failed, discard. X: mirror" : "A or X: record. Y: keep the recording, again: failed, discard" }[this.state];
     return [doing, this.said, hand?.refusal ?? "", hand ? latencyLine(hand) : "", this.camera.line].filter((line, k) => k < 4 || line);
   }
 
@@ -185,7 +193,8 @@ class Headset {
     const line = job ? sentence(job, view.status.reason)[0] : "-";
     if (line !== this.line) [this.line, this.said, $("job-line").textContent] = [line, line, line];
     $("finish").disabled = !this.running;
-    if (TWO) $("accept").disabled = !(job?.recorded && job.state === "done");
+    if (this.running) this.outcome = null;
+    for (const outcome of OUTCOMES) $(outcome).disabled = !this.recording;
     $("headset-state").textContent = { fault: "fault", held: "leading", ready: "hold a grip to lead", idle: "nothing is led" }[this.state];
     $("latency").textContent = view.hand.refusal ?? latencyLine(view.hand);
     for (const side of SIDES) this.feel(side, view[side].peak_force_n ?? 0);
