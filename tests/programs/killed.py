@@ -179,11 +179,8 @@ class Cases:
         subprocess.run(
             [COMMAND, "teach", self._folder / f"last{self._number}.mcap"], check=True, stdout=subprocess.DEVNULL
         )
-        mine = [
-            path.name
-            for path in Path("/dev/shm").glob("rtstack-*")
-            if not Path(f"/proc/{path.name.split('-')[1]}").exists()
-        ]
+        found = [path.name for path in Path("/dev/shm").glob("rtstack-*")]
+        mine = [each for each in found if (pid := each.split("-")[1]).isdecimal() and not psutil.pid_exists(int(pid))]
         return [*mine, *(path.name for path in self.temporary.glob("rtstack-*"))]
 
 
