@@ -4,17 +4,22 @@ Odd hosts, smuggled requests, forms, bodies and messages that are hard to read, 
 links in the folder of logs, sessions that are fixed or over, and names that are somebody else's.
 """
 
+import errno
 import gzip
 import os
+import signal
 import threading
 from socket import create_connection
 
 import httpx
+import psutil
 import pytest
 
 import console.server
+from console.child_process import MEMORY_GB, start, why_ended
 from rtstack.access.tokens import Scope
 from tests.support.console.client import SECRET, cookie_header, has_ended, socket, wait_for
+from tests.support.console.review_log import write_log
 
 HOSTS = ("[::1]:{}", "LOCALHOST:{}", "localhost.:{}", "127.1:{}", "2130706433:{}", "0.0.0.0:{}", "127.0.0.1:0{}",
          "127.0.0.1:{}@evil.example", "127.0.0.1:{}, evil.example", "evil.example/127.0.0.1:{}", "")  # fmt: skip
@@ -207,3 +212,33 @@ def test_of_two_who_take_over_at_once_one_has_the_robot_and_nobody_takes_a_name(
         assert (answer.status_code, answer.json()["error"].split(";")[0]) == (409, "carla has control")
         over.set()
         threads[0].join()
+
+
+def test_a_full_disk_and_an_error_of_our_own_are_answered_in_our_own_form(served, monkeypatch):
+    write_log(served.logs / "a.mcap", {})
+    full, odd = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/srv/index.json"), ValueError("secret detail")
+    with served.signed_in() as (client, _):
+        (row,) = client.get("/api/logs").json()
+        for error, status, said in ((full, 507, "index.json: No space left on device"), (odd, 500, "ValueError")):
+            with monkeypatch.context() as patch:
+                patch.setattr(served.parts.review_cache, "open", lambda _, error=error: raised(error))
+                answer = client.get(f"/api/logs/{row['id']}")
+            assert (answer.status_code, list(answer.json())) == (status, ["error"])
+            assert said in answer.json()["error"]
+            assert "secret" not in answer.text
+        monkeypatch.setattr("console.review.cache._READER", "no/such/folder")  # its note cannot be written
+        assert client.get(f"/api/logs/{row['id']}").status_code == 404
+        assert served.parts.review_cache._readers == {}
+        assert [child for child in psutil.Process().children() if "console.review.conversion" in child.cmdline()] == []
+
+
+def raised(error):
+    raise error
+
+
+def test_a_program_that_reads_logs_gets_so_much_memory(tmp_path):
+    errors = tmp_path / "errors"
+    with errors.open("wb") as file:
+        status = start("timeit", "-n1", "-r1", f"bytearray({MEMORY_GB + 1} << 30)", stderr=file.fileno()).wait(120)
+    assert (status, "MemoryError" in errors.read_text()) == (1, True)
+    assert "4 GB" in why_ended(-signal.SIGXCPU)
