@@ -220,7 +220,6 @@ def test_its_log_is_reviewed_without_a_word_of_the_other_one(served, side, other
         window = {"signals": f"{side}.pad_force,{side}.q.1", "start": 0.0, "end": 0.5}
         lines = client.get(f"/api/logs/{entry.id}/csv", params=window).text.splitlines()
         assert lines[0] == f"t_s,utc,{side}.pad_force,{side}.q.1"
-        assert lines[1].split(",")[1] == document["recorded"]
         assert len(lines) > 400
         assert client.get(f"/api/logs/{entry.id}/figure", params={**window, "form": "svg"}).status_code == 200
         assert client.get(f"/api/logs/{entry.id}/series", params={**window, "width": 100}).status_code == 200
