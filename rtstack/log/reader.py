@@ -321,6 +321,8 @@ class Log:
                     yield b"", NO_MESSAGES
                     continue
                 data, table = contents.messages(file, part)
+                if part.channels is not None and np.count_nonzero(_mask(table.channel_id)) != len(part.channels):
+                    raise damaged(self.path, part.section.offset, "the index names other channels than the chunk has")
                 table = table.rows(mask[table.channel_id])
                 left -= len(table.start)
                 if left < 0:
@@ -351,7 +353,7 @@ def read_log(path: Path, truncated: bool = False) -> Log:
     raise LogError(f"{path} is an MCAP file but not a log of ours: topic {' or '.join(ARM_TOPICS)} {reason}")
 
 
-def _mask(channels: Sequence[int]) -> NDArray[np.bool_]:
+def _mask(channels: Sequence[int] | NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return which channels are meant, by number."""
     mask = np.zeros(NUMBERS, np.bool_)
     mask[channels] = True

@@ -140,8 +140,8 @@ def records_of(data: bytes) -> Iterator[tuple[int, int, ReadDataStream]]:
     place = 0
     while place < len(data):
         length = int.from_bytes(data[place + 1 : place + RECORD_HEADER], "little")
-        if length > len(data) - place - RECORD_HEADER:
-            raise ValueError("a record of the summary is cut off")
+        if not data[place] or length > len(data) - place - RECORD_HEADER:
+            raise ValueError("what the summary has here is no record")
         body = data[place + RECORD_HEADER : place + RECORD_HEADER + length]
         yield data[place], place, ReadDataStream(BytesIO(body))
         place += RECORD_HEADER + length
