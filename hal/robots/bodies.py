@@ -6,8 +6,7 @@ The bounds catch another unit (mm, g, degrees) and are ours: no part of a labora
 import math
 import re
 from collections import Counter
-from collections.abc import Callable
-from typing import NamedTuple
+from graphlib import CycleError, TopologicalSorter
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -15,7 +14,7 @@ from hal.base.configuration import shortened
 from hal.pad import of_a_body
 
 FAR_M, HEAVY_KG, TURN_RAD = 10.0, 1000.0, 6.2832  # 2 pi, rounded up as people write it
-_GYRATION_M = (1e-5, FAR_M)  # radii of gyration, sqrt(I / m): g mm^2 and kg mm^2 are outside
+_LEAST_M = 1e-5  # radii of gyration, sqrt(I / m), are between it and FAR_M: g mm^2 and kg mm^2 are outside
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _ONCE = ("inertial", "origin", "mass", "inertia", "geometry", "parent", "child", "axis", "limit")
@@ -27,40 +26,26 @@ class DescriptionError(ValueError):
     """A URDF that cannot be used. The message names the link or joint."""
 
 
-class _Rule(NamedTuple):
-    """How many numbers an attribute has, which, and what it is where it is not there (None: it has to be)."""
-
-    how_many: int
-    accepts: Callable[[float], bool]
-    expected: str
-    default: str | None = None
-
-
-_SIZE = _Rule(1, lambda x: 0.0 < x <= FAR_M, f"a number above 0, at most {FAR_M:g} (m; not mm)")
-_ANY = _Rule(1, lambda _: True, "a finite number")
-_POSITIVE = _Rule(1, lambda x: x > 0.0, "a number above 0")
-_NOT_NEGATIVE = _Rule(1, lambda x: x >= 0.0, "a number from 0 on", "0")
-_RULES: dict[str, dict[str, _Rule]] = {
-    "origin": {
-        "xyz": _Rule(3, lambda x: abs(x) <= FAR_M, f"three numbers up to {FAR_M:g} (m; not mm)", "0 0 0"),
-        "rpy": _Rule(3, lambda x: abs(x) <= TURN_RAD, "three numbers up to 2 pi (rad; not degrees)", "0 0 0"),
-    },
-    "mass": {"value": _Rule(1, lambda x: 0.0 <= x <= HEAVY_KG, f"a number above 0, at most {HEAVY_KG:g} (kg; not g)")},
-    "inertia": dict.fromkeys(_MOMENTS, _ANY),
-    "cylinder": {"radius": _SIZE, "length": _SIZE},
-    "capsule": {"radius": _SIZE, "length": _SIZE},
-    "sphere": {"radius": _SIZE},
-    "box": {"size": _SIZE._replace(how_many=3, expected=f"three numbers above 0, at most {FAR_M:g} (m; not mm)")},
-    "mesh": {"scale": _Rule(3, lambda x: x != 0.0, "three numbers, none of them 0", "1 1 1")},
-    "color": {"rgba": _Rule(4, lambda x: 0.0 <= x <= 1.0, "four numbers from 0 to 1")},
-    "axis": {"xyz": _Rule(3, lambda _: True, "three finite numbers", "1 0 0")},
-    "dynamics": {"damping": _NOT_NEGATIVE, "friction": _NOT_NEGATIVE},
-    "limit": {
-        "lower": _ANY._replace(default="0"),
-        "upper": _ANY._replace(default="0"),
-        "velocity": _POSITIVE,
-        "effort": _POSITIVE,
-    },
+_LONG = f"above 0, at most {FAR_M:g} (m; not mm)"
+_SIZE = (1, lambda x: 0.0 < x <= FAR_M, f"a number {_LONG}", None)
+_ANY = (1, lambda x: True, "a finite number", None)
+_POSITIVE = (1, lambda x: x > 0.0, "a number above 0", None)
+_NOT_NEGATIVE = (1, lambda x: x >= 0.0, "a number from 0 on", "0")
+# of a tag's attribute: how many numbers it has, which, in words, and its default (None: it has to be there)
+_RULES = {
+    ("origin", "xyz"): (3, lambda x: abs(x) <= FAR_M, f"three numbers up to {FAR_M:g} (m; not mm)", "0 0 0"),
+    ("origin", "rpy"): (3, lambda x: abs(x) <= TURN_RAD, "three numbers up to 2 pi (rad; not degrees)", "0 0 0"),
+    ("mass", "value"): (1, lambda x: 0.0 <= x <= HEAVY_KG, f"above 0, at most {HEAVY_KG:g} (kg; not g)", None),
+    **dict.fromkeys((("inertia", moment) for moment in _MOMENTS), _ANY),
+    **dict.fromkeys((("cylinder", "radius"), ("cylinder", "length"), ("sphere", "radius")), _SIZE),
+    **dict.fromkeys((("capsule", "radius"), ("capsule", "length")), _SIZE),
+    ("box", "size"): (3, lambda x: 0.0 < x <= FAR_M, f"three numbers {_LONG}", None),
+    ("mesh", "scale"): (3, lambda x: x != 0.0, "three numbers, none of them 0", "1 1 1"),
+    ("color", "rgba"): (4, lambda x: 0.0 <= x <= 1.0, "four numbers from 0 to 1", None),
+    ("axis", "xyz"): (3, lambda x: True, "three finite numbers", "1 0 0"),
+    **dict.fromkeys((("dynamics", "damping"), ("dynamics", "friction")), _NOT_NEGATIVE),
+    **dict.fromkeys((("limit", "lower"), ("limit", "upper")), (*_ANY[:3], "0")),
+    **dict.fromkeys((("limit", "velocity"), ("limit", "effort")), _POSITIVE),
 }
 
 
@@ -70,8 +55,8 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parsed(text: str) -> Element:
-    """Return the root of a URDF whose names are unique and whose joints connect its links to one tree. Raises
-    DescriptionError."""
+    """Return the root of a URDF whose names are unique, whose links are bodies or frames, and whose joints connect them
+    to one tree. Raises DescriptionError."""
     try:
         source = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
     except ElementTree.ParseError as error:
@@ -80,105 +65,86 @@ def parsed(text: str) -> Element:
     for part, number in Counter((part.tag, part.get("name", "")) for part in parts).items():
         if number > 1 or not part[1]:
             raise DescriptionError(f"{part[0]} {shortened(part[1])!r}: {number} have this name, expected one")
-    _check_tree(source)
+    links, parents = {link.get("name", ""): check_link(link) for link in source.findall("link")}, dict[str, str]()
+    for joint in source.findall("joint"):
+        where, (parent, child) = f"joint {joint.get('name')!r}", (linked(joint, which) for which in ("parent", "child"))
+        if joint.get("type") not in _TYPES:
+            raise DescriptionError(f"{where}: type {joint.get('type')!r}, expected one of {', '.join(_TYPES)}")
+        if missing := {parent, child} - links.keys():
+            raise DescriptionError(f"{where}: no link {missing.pop()!r}")
+        if child in parents:
+            raise DescriptionError(f"{where}: link {child!r} is the child of two joints, expected one")
+        parents[child] = parent
+    if len(roots := sorted(links.keys() - parents)) > 1:
+        raise DescriptionError(f"links {' and '.join(map(repr, roots[:2]))}: no joint connects them to one tree")
+    try:
+        TopologicalSorter({child: [parent] for child, parent in parents.items()}).prepare()
+    except CycleError as error:
+        raise DescriptionError(f"link {min(error.args[1])!r}: the joints make a loop, expected a tree") from None
     return source
 
 
 def numbers(element: Element | None, tag: str, attribute: str, where: str) -> list[float]:
     """Return an attribute's numbers; those of the URDF's default, where the element or the attribute is not there.
     Raises DescriptionError."""
-    rule = _RULES[tag][attribute]
-    text = rule.default if element is None else element.get(attribute, rule.default)
+    how_many, accepts, expected, default = _RULES[tag, attribute]
+    text = default if element is None else element.get(attribute, default)
     if text is None:
-        raise DescriptionError(f"{where}: {tag} has no {attribute}, expected {rule.expected}")
-    found = [float(word) for word in text.split() if _NUMBER.fullmatch(word)]
-    if not len(found) == len(text.split()) == rule.how_many or not all(
-        math.isfinite(x) and rule.accepts(x) for x in found
-    ):
-        raise DescriptionError(f"{where}: {tag} {attribute}={shortened(text)!r}, expected {rule.expected}")
+        raise DescriptionError(f"{where}: {tag} has no {attribute}, expected {expected}")
+    found = [float(word) if _NUMBER.fullmatch(word) else math.nan for word in text.split()]
+    if len(found) != how_many or not all(math.isfinite(x) and accepts(x) for x in found):
+        raise DescriptionError(f"{where}: {tag} {attribute}={shortened(text)!r}, expected {expected}")
     return found
 
 
-def _check_numbers(part: Element, where: str) -> None:
-    """Check the numbers of a link or joint, and that it has each part once."""
+def _check_numbers(part: Element) -> str:
+    """Check the numbers of a link or joint, and that it has each part once. Returns its name for messages."""
+    where = f"{part.tag} {shortened(part.get('name', ''))!r}"
     for element in part.iter():
-        for attribute in _RULES.get(element.tag, ()):
-            numbers(element, element.tag, attribute, where)
-        twice = [tag for tag, number in Counter(child.tag for child in element).items() if number > 1 and tag in _ONCE]
-        if twice:
-            raise DescriptionError(f"{where}: {element.tag} has more than one {twice[0]}, expected one")
-        shapes = [shape.tag for shape in element.findall("geometry/*") if shape.tag in _SHAPES]
+        for tag, attribute in _RULES:
+            if tag == element.tag:
+                numbers(element, tag, attribute, where)
+        for tag, number in Counter(child.tag for child in element).items():
+            if number > 1 and tag in _ONCE:
+                raise DescriptionError(f"{where}: {element.tag} has more than one {tag}, expected one")
+        shapes = [shape for shape in element.findall("geometry/*") if shape.tag in _SHAPES]
         if element.tag in ("visual", "collision") and len(shapes) != 1:
-            raise DescriptionError(
-                f"{where}: {element.tag} has no shape or several, expected one of {', '.join(_SHAPES)}"
-            )
+            raise DescriptionError(f"{where}: {element.tag} has no shape or several, expected a {', '.join(_SHAPES)}")
+    return where
 
 
 def check_link(link: Element) -> None:
     """Raise DescriptionError for a link that is no body: its mass, inertia and geometry. A frame may have no mass."""
-    where = f"link {shortened(link.get('name', ''))!r}"
-    _check_numbers(link, where)
-    inertial = link.find("inertial")
+    where, inertial = _check_numbers(link), link.find("inertial")
     if inertial is None:
         return
-    mass, inertia = inertial.find("mass"), inertial.find("inertia")
-    if mass is None or inertia is None:
-        raise DescriptionError(f"{where}: has no inertial with mass and inertia")
-    (kg,) = numbers(mass, "mass", "value", where)
-    xx, yy, zz, xy, xz, yz = moments = tuple(numbers(inertia, "inertia", key, where)[0] for key in _MOMENTS)
+    (kg,) = numbers(inertial.find("mass"), "mass", "value", where)
+    inertia = inertial.find("inertia")
+    xx, yy, zz, xy, xz, yz = (numbers(inertia, "inertia", key, where)[0] for key in _MOMENTS)
     if kg == 0.0:
-        if link.find("collision") is not None or link.find("visual") is not None or any(moments):
+        if link.find("collision") is not None or link.find("visual") is not None or any((xx, yy, zz, xy, xz, yz)):
             raise DescriptionError(f"{where}: mass value='0', expected a number above 0: it has geometry or inertia")
         return
     try:
         of_a_body((xx, yy, zz, xy, xz, yz))
     except ValueError as error:
-        raise DescriptionError(f"{where}: inertia {dict(zip(_MOMENTS, moments, strict=True))}: {error}") from None
+        raise DescriptionError(f"{where}: inertia: {error}") from None
     for moment in (xx, yy, zz):
-        if not _GYRATION_M[0] <= math.sqrt(moment / kg) <= _GYRATION_M[1]:
+        if not _LEAST_M <= (radius := math.sqrt(moment / kg)) <= FAR_M:
             raise DescriptionError(
-                f"{where}: a moment of {moment:g} kg m^2 with a mass of {kg:g} kg is a radius of gyration of "
-                f"{math.sqrt(moment / kg):.3g} m, expected {_GYRATION_M[0]:g} to {_GYRATION_M[1]:g}: another unit?"
+                f"{where}: a moment of {moment:g} kg m^2 and a mass of {kg:g} kg make a radius of gyration of "
+                f"{radius:.3g} m, expected {_LEAST_M:g} to {FAR_M:g}: another unit?"
             )
 
 
 def check_joint(joint: Element) -> None:
     """Raise DescriptionError for a joint whose origin, axis or limits cannot be."""
-    where = f"joint {shortened(joint.get('name', ''))!r}"
-    _check_numbers(joint, where)
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") != "revolute":
-        return
-    lower, upper = (numbers(limit, "limit", key, where)[0] for key in ("lower", "upper"))
-    if not -TURN_RAD <= lower < upper <= TURN_RAD:
-        raise DescriptionError(
-            f"{where}: limit lower={lower:g} upper={upper:g}, expected lower below upper, both up to 2 pi (rad; not "
-            "degrees)"
-        )
-
-
-def _check_tree(source: Element) -> None:
-    links, children = {link.get("name", "") for link in source.findall("link")}, dict[str, list[str]]()
-    roots = set(links)
-    for joint in source.findall("joint"):
-        where, (parent, child) = f"joint {joint.get('name')!r}", (linked(joint, which) for which in ("parent", "child"))
-        if joint.get("type") not in _TYPES:
-            raise DescriptionError(f"{where}: type {joint.get('type')!r}, expected one of {', '.join(_TYPES)}")
-        if missing := {parent, child} - links:
-            raise DescriptionError(f"{where}: no link {missing.pop()!r}")
-        if child not in roots:
-            raise DescriptionError(f"{where}: link {child!r} is the child of two joints, expected one")
-        roots.remove(child)
-        children.setdefault(parent, []).append(child)
-    if len(roots) > 1:
-        raise DescriptionError(
-            f"links {' and '.join(map(repr, sorted(roots)[:2]))}: no joint connects them to one tree"
-        )
-    reached = list(roots)
-    for name in reached:
-        reached += children.get(name, [])
-    if loop := links - set(reached):
-        raise DescriptionError(f"link {min(loop)!r}: the joints make a loop, expected a tree")
+    where, limit = _check_numbers(joint), joint.find("limit")
+    if limit is not None and joint.get("type") == "revolute":
+        lower, upper = (numbers(limit, "limit", key, where)[0] for key in ("lower", "upper"))
+        if not -TURN_RAD <= lower < upper <= TURN_RAD:
+            found = f"limit lower={lower:g} upper={upper:g}"
+            raise DescriptionError(f"{where}: {found}, expected lower below upper, both up to 2 pi (rad; not degrees)")
 
 
 def linked(joint: Element, which: str) -> str:

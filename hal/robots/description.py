@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from hal.limits import DOF, ArmLimits
-from hal.robots.bodies import DescriptionError, check_joint, check_link, linked, numbers, parsed
+from hal.robots.bodies import DescriptionError, check_joint, linked, numbers, parsed
 
 LINKS = tuple(f"link{number}" for number in range(DOF + 2))  # base to last joint, flange
 JOINTS = tuple(f"joint{number}" for number in range(1, DOF + 2))  # the last one is fixed: the flange's
@@ -24,33 +24,26 @@ def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits
     fixed = by_child.get(flange)
     if fixed is None or fixed.get("type") != "fixed":
         raise DescriptionError(f"no fixed joint has the child link {flange!r}, the flange")
-    robot = Element("robot", name=name)
-    parent = ""
-    for number, joint_name in enumerate(joints):
-        joint = by_name.get(joint_name)
+    robot, chain = Element("robot", name=name), [*(by_name.get(joint) for joint in joints), fixed]
+    for number, joint in enumerate(chain):
         if joint is None:
-            raise DescriptionError(f"no joint {joint_name!r}")
+            raise DescriptionError(f"no joint {joints[number]!r}")
         check_joint(joint)
-        if joint.get("type") not in ("revolute", "continuous"):
-            raise DescriptionError(f"joint {joint_name!r}: type {joint.get('type')!r}, expected revolute")
-        axis = numbers(joint.find("axis"), "axis", "xyz", joint_name)
-        if axis != [0.0, 0.0, 1.0]:
-            raise DescriptionError(f'joint {joint_name!r}: must turn about its z axis: axis xyz="0 0 1", found {axis}')
-        if number > 0 and linked(joint, "parent") != parent:
-            raise DescriptionError(f"joint {joint_name!r}: its parent is not {parent!r}, the child of the joint before")
+        where, turns, parent = f"joint {joint.get('name')!r}", joint is not fixed, linked(joint, "parent")
+        if turns and joint.get("type") not in ("revolute", "continuous"):
+            raise DescriptionError(f"{where}: type {joint.get('type')!r}, expected revolute")
+        x, y, z = numbers(joint.find("axis"), "axis", "xyz", where)
+        if turns and (x or y or z <= 0.0):  # of any length
+            raise DescriptionError(f'{where}: must turn about its z axis: axis xyz="0 0 1", found {x:g} {y:g} {z:g}')
         if number == 0:
-            robot.append(_link(source, linked(joint, "parent"), LINKS[0], inertia=True))
-        parent = linked(joint, "child")
-        robot.append(_joint(joint, number, "revolute", limits))
-        robot.append(_link(source, parent, LINKS[number + 1], inertia=True))
-    if linked(fixed, "parent") != parent:
-        raise DescriptionError(f"joint {fixed.get('name')!r}: its parent is not {parent!r}, the last joint's child")
-    check_joint(fixed)
-    robot.append(_joint(fixed, DOF, "fixed", None))
+            robot.append(_link(source, parent, LINKS[0], inertia=True))
+        elif parent != (before := linked(chain[number - 1], "child")):
+            raise DescriptionError(f"{where}: its parent is not {before!r}, the child of the joint before")
+        robot.append(_joint(joint, number, limits if turns else None))
+        robot.append(_link(source, linked(joint, "child"), LINKS[number + 1], inertia=turns))
     rpy, xyz = (numbers(fixed.find("origin"), "origin", key, flange) for key in ("rpy", "xyz"))
     if rpy != [0.0] * 3 or xyz[:2] != [0.0, 0.0]:
         raise DescriptionError(f"joint {fixed.get('name')!r}: the flange must lie along the last joint's z, not turned")
-    robot.append(_link(source, flange, LINKS[-1], inertia=False))
     weight = sum(float(mass.attrib["value"]) for mass in robot.findall("link/inertial/mass"))
     if weight > HEAVIEST_ARM_KG:
         raise DescriptionError(f"its links weigh {weight:g} kg, expected at most {HEAVIEST_ARM_KG:g} (kg; not g)")
@@ -63,8 +56,8 @@ def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-def _joint(source: Element, number: int, kind: str, limits: ArmLimits | None) -> Element:
-    joint = Element("joint", name=JOINTS[number], type=kind)
+def _joint(source: Element, number: int, limits: ArmLimits | None) -> Element:
+    joint = Element("joint", name=JOINTS[number], type="revolute" if limits else "fixed")
     joint.append(Element("parent", link=LINKS[number]))
     joint.append(Element("child", link=LINKS[number + 1]))
     origin = source.find("origin")
@@ -72,11 +65,10 @@ def _joint(source: Element, number: int, kind: str, limits: ArmLimits | None) ->
     if limits is not None:
         joint.append(Element("axis", xyz="0 0 1"))
         values = {"lower": limits.q_lower, "upper": limits.q_upper, "velocity": limits.dq_max, "effort": limits.tau_max}
-        joint.append(Element("limit", {key: repr(float(array[number])) for key, array in values.items()}))
         offset, deceleration = limits.enforced_velocity_law()  # libfranka refuses an arm without them
         law = {"velocity_offset": offset, "deceleration_limit": deceleration}
-        law = {key: repr(float(array[number])) for key, array in law.items()}
-        joint.append(Element("position_based_velocity_limits", law))
+        for tag, arrays in (("limit", values), ("position_based_velocity_limits", law)):
+            joint.append(Element(tag, {key: repr(float(array[number])) for key, array in arrays.items()}))
     return joint
 
 
@@ -84,7 +76,6 @@ def _link(source: Element, name: str, new: str, *, inertia: bool) -> Element:
     found = source.find(f"link[@name='{name}']")
     if found is None:
         raise DescriptionError(f"no link {name!r}")
-    check_link(found)
     mass = found.find("inertial/mass")
     if inertia and (mass is None or float(mass.attrib["value"]) == 0.0):
         raise DescriptionError(f"link {name!r}: has no inertial with mass and inertia")

@@ -6,10 +6,10 @@ It is read from a TOML and a URDF, strictly: each key is expected and of its typ
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.arrays import Array
@@ -20,7 +20,6 @@ from hal.base.configuration import (
     Real,
     from_document,
     one_line,
-    place_of,
     read_file,
     read_toml,
 )
@@ -29,22 +28,25 @@ from hal.robots.bodies import TURN_RAD, DescriptionError
 from hal.robots.description import described
 
 _STRICT = ConfigDict(extra="forbid")
+
+
+def _most(most: float | tuple[float, ...], unit: str) -> AfterValidator:
+    """Refuse numbers that another unit (degrees, mm, g) makes larger than those of an arm beside people; ours."""
+
+    def check(values: Any) -> Any:
+        if np.any(np.abs(values) > most):
+            raise ValueError(f"{values}, expected at most {most} ({unit}): was another unit meant?")
+        return values
+
+    return AfterValidator(check)
+
+
 Seven = tuple[Real, Real, Real, Real, Real, Real, Real]
 SevenPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
 SevenNotNegative = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
-Motion = tuple[Positive, Positive, Positive]
+Motion = Annotated[tuple[Positive, Positive, Positive], _most((30.0, 1e3, 1e5), "m or rad, s")]
 _OF_JOINTS = ("q_lower", "q_upper", "dq_max", "ddq_max", "dddq_max", "tau_max")  # limits with a number a joint
 Names = tuple[str, str, str, str, str, str, str]
-# Of numbers that another unit (degrees, mm, g) would make larger; ours: no arm that shares a room with people has them
-_MOST = {
-    "limits.q_lower": (TURN_RAD, "rad"), "limits.q_upper": (TURN_RAD, "rad"), "limits.dq_max": (30.0, "rad/s"),
-    "limits.ddq_max": (1e3, "rad/s^2"), "limits.dddq_max": (1e5, "rad/s^3"), "limits.tau_max": (1e3, "Nm"),
-    "limits.tau_rate_max": (1e5, "Nm/s"), "limits.velocity_law.offset": (30.0, "rad/s"),
-    "limits.velocity_law.deceleration": (1e3, "rad/s^2"), "cartesian.translation": ((30.0, 1e3, 1e5), "m, s"),
-    "cartesian.rotation": ((30.0, 1e3, 1e5), "rad, s"), "cartesian.elbow": ((30.0, 1e3, 1e5), "rad, s"),
-    "motor_inertia.B": (20.0, "kg m^2"), "motor_inertia.B_theta": (20.0, "kg m^2"), "friction.p1": (100.0, "Nm"),
-    "friction.p2": (1e4, "s/rad"), "friction.p3": (30.0, "rad/s"),
-}  # fmt: skip
 _OF_THE_PLANT = Literal["B", "B_theta", "K", "D", "friction_p1", "friction_p2", "friction_p3"]
 
 
@@ -98,34 +100,34 @@ class RobotError(ValueError):
 class _VelocityLaw:
     """How the velocity limit falls towards a position limit: ArmLimits. enforced: by the robot itself."""
 
-    offset: SevenPositive
-    deceleration: SevenPositive
+    offset: Annotated[SevenPositive, _most(30.0, "rad/s")]
+    deceleration: Annotated[SevenPositive, _most(1e3, "rad/s^2")]
     enforced: bool
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class _Limits:
-    q_lower: Seven
-    q_upper: Seven
-    dq_max: SevenPositive
-    ddq_max: SevenPositive
-    dddq_max: SevenPositive
-    tau_max: SevenPositive
-    tau_rate_max: Positive
+    q_lower: Annotated[Seven, _most(TURN_RAD, "rad")]
+    q_upper: Annotated[Seven, _most(TURN_RAD, "rad")]
+    dq_max: Annotated[SevenPositive, _most(30.0, "rad/s")]
+    ddq_max: Annotated[SevenPositive, _most(1e3, "rad/s^2")]
+    dddq_max: Annotated[SevenPositive, _most(1e5, "rad/s^3")]
+    tau_max: Annotated[SevenPositive, _most(1e3, "Nm")]
+    tau_rate_max: Annotated[Positive, _most(1e5, "Nm/s")]
     velocity_law: _VelocityLaw
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class _Inertia:
-    B: SevenPositive
-    B_theta: SevenPositive
+    B: Annotated[SevenPositive, _most(20.0, "kg m^2")]
+    B_theta: Annotated[SevenPositive, _most(20.0, "kg m^2")]
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class _Friction:
-    p1: SevenNotNegative
-    p2: SevenNotNegative
-    p3: Seven
+    p1: Annotated[SevenNotNegative, _most(100.0, "Nm")]
+    p2: Annotated[SevenNotNegative, _most(1e4, "s/rad")]
+    p3: Annotated[Seven, _most(30.0, "rad/s")]
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
@@ -156,13 +158,6 @@ def read_robot(path: Path) -> RobotModel:
     for joint, (lower, upper) in enumerate(zip(file.limits.q_lower, file.limits.q_upper, strict=True), 1):
         if not lower < upper:
             raise RobotError(f"{path}: key limits.q_lower: joint {joint}: {lower:g} is not below {upper:g}")
-    for key, (most, unit) in _MOST.items():
-        value: Any = document
-        for name in key.split("."):
-            value = value[name]
-        if np.any(np.abs(value) > most):
-            place = place_of(str(path), text, key.split("."))
-            raise RobotError(f"{place}: key {key}: {value}, expected at most {most} ({unit}): was another unit meant?")
     if without := _without_source(document, file.sources):
         raise RobotError(f"{path}: key sources: no entry says where {without} comes from")
     law = file.limits.velocity_law
@@ -176,11 +171,10 @@ def read_robot(path: Path) -> RobotModel:
     source = path.parent / file.urdf
     try:
         urdf = described(read_file(source), path.stem, file.joints, file.flange, limits)
-    except DescriptionError as error:
-        raise RobotError(one_line(f"{path}: key urdf: {source}: {error}")) from None
     except (OSError, ValueError, RecursionError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise RobotError(one_line(f"{path}: key urdf: {source} cannot be read: {reason}")) from None
+        cannot = "" if isinstance(error, DescriptionError) else " cannot be read"
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise RobotError(one_line(f"{path}: key urdf: {source}{cannot}: {reason}")) from None
     return RobotModel(
         reference=str(path.resolve()),
         title=file.title,

@@ -66,7 +66,7 @@ REFUSED = {
     "not positive definite": (inertia_of_link4(ixy=0.03), r"link4.*principal moments -0\.01"),
     "a moment of 0": (inertia_of_link4(izz=0.0), "link4.*principal moments 0,"),
     "no izz": (changed(' izz="0.028323"', ""), "link 'link4': inertia has no izz, expected a finite number"),
-    "no mass": (changed('<mass value="3.587895"/>', ""), "link 'link4': has no inertial with mass"),
+    "no mass": (changed('<mass value="3.587895"/>', ""), "link 'link4': mass has no value"),
     "two masses": (
         changed('<mass value="3.587895"/>', '<mass value="3.6"/><mass value="3"/>'),
         "link4.*more than one mass",
@@ -125,6 +125,14 @@ REFUSED = {
         changed('<parent link="link3"/>', '<parent link="elbow"/>'),
         "joint 'joint4': no link 'elbow'",
     ),
+    "a hand in mm": (
+        changed(
+            "</robot>",
+            '<joint name="x" type="fixed"><parent link="link8"/><child link="hand"/></joint><link name="hand">'
+            '<collision><geometry><sphere radius="40"/></geometry></collision></link></robot>',
+        ),
+        "link 'hand': sphere radius='40', expected .*not mm",
+    ),
     "an entity": (changed("<robot", '<!DOCTYPE robot [<!ENTITY m "1">]><robot'), "has a DOCTYPE"),
     "an external entity": (changed("<robot", '<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot'), "has a DOCTYPE"),
     "deep": (changed("<inertial>", "<a>" * 5000 + "</a>" * 5000 + "<inertial>"), "recursion"),
@@ -154,6 +162,7 @@ FRAME = (
         ('<origin xyz="0 0 0" rpy="-1.5707963267948966 0 0"/>', '<origin rpy="-1.5707963267948966 0 0"/>'),
         ('<parent link="link6"/>', '<parent   link="link6" />'),
         ('<joint name="joint4" type="revolute">', '<joint name="joint4" type="continuous">'),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>'),
         ("</robot>", FRAME.format("")),
         ("</robot>", FRAME.format(f'<inertial><mass value="0"/><inertia {ZEROS}/></inertial>')),
         ("<?xml", "\ufeff<?xml"),
@@ -209,19 +218,11 @@ def test_no_number_of_a_link_or_joint_can_be_another_text() -> None:
         ("q_upper", "[157, 102, 166, 8, 161, 259, 173]", r"limits\.q_upper: .*\(rad\): was another unit meant"),
         ("dq_max", "[150, 150, 150, 150, 300, 240, 300]", r"limits\.dq_max: .*at most 30"),
         ("translation", "[3000.0, 9000.0, 4500000.0]", r"cartesian\.translation: .*was another unit meant"),
-        (
-            "B",
-            "[0.6, 0.6, nan, 0.45, 0.2, 0.2, 0.2]",
-            r"motor_inertia\.B\.2: .*finite number, found nan",
-        ),
+        ("B", "[0.6, 0.6, nan, 0.45, 0.2, 0.2, 0.2]", r"motor_inertia\.B\.2: .*finite number, found nan"),
         ("tau_max", "[inf, 87, 87, 87, 12, 12, 12]", r"limits\.tau_max\.0: Input should be a finite number, found inf"),
         ("p1", "[-1, 1, 1, 1, 1, 1, 1]", r"friction\.p1\.0: .*greater than or equal to 0, found -1"),
         ("p2", "[5, 9, 10, 5, 8, 17, 10, 1]", r"friction\.p2: .*at most 7 items"),
-        (
-            "p3",
-            f"[{'1' * 400}, 0, 0, 0, 0, 0, 0]",
-            r"friction\.p3\.0: .*finite number, found a number of \d+ digits",
-        ),
+        ("p3", f"[{'1' * 400}, 0, 0, 0, 0, 0, 0]", r"friction\.p3\.0: .*finite number, found a number of \d+ digits"),
         ("tau_rate_max", '"1000"', r"limits\.tau_rate_max: .*valid number, found '1000'"),
         ("tau_rate_max", "1,5", r"not valid TOML: .*; 1,5 has a decimal comma: write 1\.5"),
         ("meshes", '"a"\n[plant]\nB = [1, 1]', r"plant\.B"),

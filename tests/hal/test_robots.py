@@ -85,7 +85,7 @@ def test_a_model_is_two_files_in_a_folder_of_the_user_s(tmp_path: Path) -> None:
         ("dq_max", "[1.0, 2.0]", r"key limits\.dq_max\.2: "),
         ("tau_max", "[87, 87, 87, 87, 12, 12, -12]", r"key limits\.tau_max\.6: .*greater than 0"),
         ("ddq_max", None, r"key limits\.ddq_max: "),
-        ("q_lower", "[9, -1, -1, -1, -1, -1, -1]", r"key limits\.q_lower: joint 1: 9 is not below 2\.7501"),
+        ("q_lower", "[3, -1, -1, -1, -1, -1, -1]", r"key limits\.q_lower: joint 1: 3 is not below 2\.7501"),
         ("limits", None, r"key sources: no entry says where limits\.\w+ comes from"),
         ("friction", None, r"key sources: no entry says where friction\.\w+ comes from"),
         ("flange", '"tool"', r"key urdf: .*shorty\.urdf: no fixed joint has the child link 'tool', the flange"),
