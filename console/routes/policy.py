@@ -22,6 +22,7 @@ from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.routes.problems import problems
 from console.routes.sockets import SIGNED_OUT
 from console.teleoperation.teleop_view import TeleopView
+from hal.desk.state import plain
 from rtstack.cameras.newest import NewestPictures
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.live.protocol import NoteRequest, Operator
@@ -54,6 +55,7 @@ class PolicyInput:
         self._watch, self._pictures = parts.watch, NewestPictures({})
         self._lease: tuple[int, int] | None = None
         self._number, self._began_ns = 0, 0
+        self.failed = False  # it has ended by an exception of its own
         self._shown: Observation | None = None
         self._pads = [np.zeros(7) for _ in cell.arms]  # where they were last
 
@@ -92,6 +94,7 @@ class PolicyInput:
         except ValidationError as error:
             return problem(error, "answer")
         if answer.finished or answer.failed:
+            self.failed = bool(answer.failed)
             self._teleop.end_lease(self._name)
             return answer.failed or None
         lease, shown = self._lease, self._shown
@@ -147,11 +150,12 @@ class PolicyAnswer:
 _ANSWERS = TypeAdapter(PolicyAnswer)
 
 
-async def _note(parts: Parts, policy: str, text: str) -> None:
-    """Show what is wrong with a policy: on the pages, in the log, and in the audit trail."""
+async def _note(parts: Parts, policy: str, text: str, failed: bool) -> None:
+    """Show what is wrong with a policy: on the pages, in the log, where it failed in the result, in the audit trail."""
+    text = f"{'the policy has ended' if failed else 'the answer of the policy is not followed'}: {text}"
     parts.teleop.policies.refused = f"{policy}: {text}"
     with suppress(RobotRefused, RobotUnreachable):
-        await asyncio.to_thread(parts.client.request, NoteRequest(policy, text))
+        await asyncio.to_thread(parts.client.request, NoteRequest(policy, text, failed))
 
 
 @router.post("/lease")
@@ -187,8 +191,8 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
             await websocket.send_json({"observation": shown, "refused": refused})
             refused = policy.take(await websocket.receive_text())
             if refused not in (None, noted):
-                noted = " ".join(refused.split())
-                await _note(parts, name, f"the policy's answer is not followed: {noted}")
+                noted = refused
+                await _note(parts, name, plain(refused, 400), policy.failed)
             await asyncio.sleep(max(0.0, 1.0 / rate_hz - (time.monotonic() - began_s)))
     except (WebSocketDisconnect, RuntimeError):
         pass  # the policy has gone

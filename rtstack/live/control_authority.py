@@ -135,10 +135,10 @@ class ControlAuthority:
                 raise Refused(NOT_TAKEN)
             time.sleep(_LOOK_S)
 
-    def note(self, operator: str, text: str) -> None:
-        """Note what happened to an operator's motion."""
+    def note(self, operator: str, text: str, failed: bool = False) -> None:
+        """Note what happened to an operator's motion. failed: the run that goes on has failed (rtstack.trials.run)."""
         with self._acting():
-            self._note("note", operator, f"{operator}: {text}", Level.WARNING)
+            self._note("note", operator, f"{operator}: {text}", Level.ERROR if failed else Level.WARNING)
 
     def begin(self, operator: str, what: str, by_hand: bool = False) -> None:
         """Begin a motion of the operator's; `what`: for the record. by_hand: a person's hand leads the arms."""

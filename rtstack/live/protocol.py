@@ -147,10 +147,11 @@ class ControlRequest:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class NoteRequest:
-    """Say something in the log of what runs, and in the audit trail."""
+    """Say something in the log of what runs, and in the audit trail. failed: its result is a failure, for this."""
 
     operator: Operator
     text: Annotated[str, Field(max_length=500, pattern=r"^\P{C}+$")]
+    failed: StrictBool = False
     verb: Literal["note"] = "note"
 
 

@@ -122,7 +122,7 @@ def _act(job_manager: JobManager, request: Request) -> None:
         case TakeRequest():
             job_manager.authority.take(request.operator, request.over_from)
         case NoteRequest():
-            job_manager.authority.note(request.operator, request.text)
+            job_manager.authority.note(request.operator, request.text, request.failed)
         case ControlRequest(verb="recover"):
             job_manager.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
         case ControlRequest():

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
+from hal.desk.state import plain
 from hal.extensions import ExtensionPoint
 from rtstack.cameras.newest import Picture
 from rtstack.loop.mailbox import CHUNK, CHUNK_POSES
@@ -113,7 +114,7 @@ POLICIES = ExtensionPoint[Callable[[str], Policy]]("rtstack.policies", "policy",
 def own_words(error: Exception) -> str:
     """Return in one line what the code of another author raised, and where."""
     at = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{' '.join(f'{type(error).__name__}: {error}'.split())[:300]} ({at.filename}:{at.lineno})"
+    return f"{plain(f'{type(error).__name__}: {error}', 300)} ({at.filename}:{at.lineno})"
 
 
 def pad_pose(model: ArmModel, q: Array) -> Array:

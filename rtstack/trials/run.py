@@ -147,6 +147,7 @@ class Run:
         self.first_impact_s: float | None = None
         self.monitor: TrialMonitor | None = None
         self.kind: Unexpected | None = None
+        self.failed: str | None = None  # why an operator's program has, by the event that it reported so
         self._run_events: list[RunEvent] = []
         self._began_ns = 0  # the way to the start, by the robot's time
 
@@ -314,5 +315,7 @@ class Run:
             self._run_events.extend(self._context.run_observer.run_events())
         while self._run_events:
             run_event = self._run_events.pop(0)
+            if (run_event.level, run_event.name) == (Level.ERROR, "operator"):
+                self.failed = run_event.text
             t_ns = int(self._publisher.timing["t_ns"][0])
             self._publisher.event(t_ns, run_event.level, run_event.name, run_event.text)

@@ -221,7 +221,7 @@ def run_teleoperation(
         cut_off = specification.recorded and source.lost  # the operator did not end this recording
         end = End.COMPLETED if outcome.end in _AS_WANTED and not cut_off else outcome.end
         detail = host.problem if host is not None and host.problem and end is End.POLICY_QUIET else outcome.detail
-        reason = failure_reason(end, detail, outcome.safety_interventions)
+        reason = failure_reason(end, detail, outcome.safety_interventions) or run.failed
         result = like(
             TeleoperationResult, specification, outcome, success=reason is None, failure_reason=reason,
             moved=source.moved, cell=cell.name, detected_impact_time_s=run.first_impact_s,

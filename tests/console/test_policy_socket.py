@@ -13,7 +13,7 @@ from websockets.sync.client import connect
 from rtstack.access.tokens import Scope
 from rtstack.log.writing.pictures import PictureRing
 from rtstack.loop.mailbox import CHUNK, TARGET
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Level, Mode
 from tests.support.console.client import arm, say, wait_for
 
 POSES = [[0.0, 0.35, 0.26, 1.0, 0.0, 0.0, 0.0], [0.0, -0.35, 0.26, 1.0, 0.0, 0.0, 0.0]]
@@ -105,9 +105,12 @@ def test_a_policy_that_ends_says_why_in_its_own_words_on_the_page_and_in_the_aud
     words = "ValueError: no such object (/lab/policy.py:12)"
     with policy(served, token) as (take, send):
         assert lend(client, headers).status_code == 200
-        send(to=take("observation")["observation"]["number"], failed=words)
+        send(to=take("observation")["observation"]["number"], failed=words.replace(": ", ":\n \x1b"))
         assert "no lease" in take("waiting")["waiting"]
     assert words in served.parts.teleop.view.refusal
+    wait_for(lambda: (Level.ERROR, f"grabber: the policy has ended: {words}") in [
+        (event.level, event.text) for event in served.job_manager.authority.run_events()
+    ])  # fmt: skip
     wait_for(lambda: words in (served.logs / "audit.jsonl").read_text())
     assert lend(client, headers).json()["refusal"] is None
 

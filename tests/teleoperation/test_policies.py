@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,10 @@ from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import TARGET, Mailbox
 from rtstack.model.arm_model import ArmModel
-from rtstack.samples import Mode
+from rtstack.samples import Level, Mode
 from rtstack.teleoperation.policy import Chunk, pad_pose
 from rtstack.trials.record import open_log
-from rtstack.trials.run_context import RunContext
+from rtstack.trials.run_context import RunContext, RunEvent
 from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.teleoperation import PolicyHost, run_policy, run_teleoperation
 
@@ -72,7 +73,7 @@ def led(cell, tmp_path):
     """Let a policy lead, beside a person; return the result, and the log."""
     mailbox = Mailbox.create(f"rtstack-test-policy-{os.getpid()}")
 
-    def run(policy, script=None, longest_s=1.5, **options):
+    def run(policy, script=None, longest_s=1.5, observer=None, **options):
         host = PolicyHost(policy, mailbox, JOB, 20.0, longest_s, **options)
         path = Path(tmp_path) / "policy.mcap"
         specification = TeleoperationSpecification("a policy", job=JOB)
@@ -80,7 +81,7 @@ def led(cell, tmp_path):
         log = open_log(path, specification, cell, "direct", default_cell_file(), overwrite=True)
         watchdogs = () if script is None else (Hand(mailbox, script, host.clock),)
         try:
-            context = RunContext(log, watchdogs=watchdogs)
+            context = RunContext(log, watchdogs=watchdogs, run_observer=observer)
             result = run_teleoperation(specification, cell, opened, mailbox, context, clock=host.clock, host=host)
         finally:
             opened.close()
@@ -149,6 +150,15 @@ def test_a_policy_without_an_answer_that_can_be_followed_stops_the_arms_as_a_los
     elif said:
         assert said in result.failure_reason
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.02
+
+
+def test_a_policy_elsewhere_that_has_failed_fails_the_result_in_its_own_words_whatever_ends_the_run(led):
+    words = "grabber: the policy has ended: ValueError: no such object (/lab/policy.py:12)"
+    events = [RunEvent(Level.WARNING, "operator", "anna took over"), RunEvent(Level.ERROR, "operator", words)]
+    result, log = led(Up(), observer=SimpleNamespace(run_events=lambda: iter(events), ended=lambda *_: events.clear()))
+    assert (result.success, result.failure_reason) == (False, words)
+    assert (log.metadata["result"]["success"], log.metadata["result"]["failure_reason"]) == ("false", words)
+    assert End.in_reason(words) is End.COMPLETED  # no fault: the arms hold
 
 
 @pytest.mark.parametrize(("delay_s", "follows"), [(0.1, True), (0.25, True), (0.4, False)])
