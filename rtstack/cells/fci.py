@@ -81,7 +81,7 @@ def _open(request: CellRequest) -> Cell:
     if not request.led:
         check_measured(addresses, request.description, request.cell_file)
     check_boxes(request.description, request.cell_file, request.led)
-    own, said = _own_limits(addresses)
+    own, said = own_limits(addresses)
     check_models(request.description, own)
     robot_clock = ClockRelation()
     tracker = _listen(request.description.tracker, request.object_name, robot_clock)
@@ -111,7 +111,7 @@ def _open(request: CellRequest) -> Cell:
     )  # fmt: skip
 
 
-def _own_limits(addresses: Sequence[str]) -> tuple[tuple[OwnLimits, ...] | None, str]:
+def own_limits(addresses: Sequence[str]) -> tuple[tuple[OwnLimits, ...] | None, str]:
     """Return what the robots say of their limits, or None and why they do not: a robot that takes no client says so
     itself, when it is connected to. Raises ConnectionLost."""
     try:

@@ -68,9 +68,10 @@ def _recover_stack(socket: Path | None) -> None:
 def _recover_pair(kind: str) -> None:
     # and with it pylibfranka, which not every Python has, and a stack's recovery does without
     from hal.fci import open_pair
-    from rtstack.cells.fci import fci_addresses
+    from rtstack.cells.fci import fci_addresses, own_limits
 
     addresses = fci_addresses(kind)
+    own_limits(tuple(addresses.values()))  # raises where no robot answers
     try:
         with closing(open_pair(addresses.get("left"), addresses.get("right"))) as pair:
             for arm in pair.arms.values():

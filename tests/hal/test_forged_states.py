@@ -15,6 +15,7 @@ from hal.errors import ConnectionLost
 from hal.fci import FciArm, ask_for_urdf, call_limit, open_pair
 from hal.fci.peeked_state import AHEAD_MS, DROPPED, JUMPED, OLDEST, PeekedState, stamp_arrivals
 from hal.wire import ROBOT_STATE
+from rtstack.cli.recovery import recover_arms
 from tests.support.fci.server import addresses
 
 BOX = Path(__file__).parents[1] / "support" / "fci" / "bad_box.py"
@@ -138,8 +139,9 @@ def test_an_answer_of_4_gb_is_not_awaited():
     with subprocess.Popen([sys.executable, str(BOX), address, "huge"], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        with pytest.raises(ConnectionLost, match="what answers there is no robot"):
-            ask_for_urdf(address)
+        for ask in (lambda: ask_for_urdf(address), lambda: recover_arms(f"fci:{address}")):
+            with pytest.raises(ConnectionLost, match="what answers there is no robot"):
+                ask()
         process.terminate()
 
 
