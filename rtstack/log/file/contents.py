@@ -232,10 +232,9 @@ class _Survey:
     def _add(self, section: Section) -> None:
         if section.opcode in (Opcode.CHUNK, Opcode.METADATA, Opcode.ATTACHMENT):
             self._visited[section.offset] = section.opcode
-        if section.opcode == Opcode.CHUNK:
-            head = chunk_at(self._file, section, head=True)
-            self._spend(head.uncompressed_size)
-        if section.opcode == Opcode.CHUNK and self._trusted:
+        head = chunk_at(self._file, section, head=True) if section.opcode == Opcode.CHUNK else None
+        self._spend(0 if head is None else head.uncompressed_size)
+        if head is not None and self._trusted:
             self._add_indexed(section, head)
         elif section.opcode == Opcode.CHUNK or section.opcode in LOOSE:
             self._add_part(Part(section))
