@@ -57,8 +57,8 @@ class Jobs:
         self._idle = idle
         self._watchdogs = watchdogs
         self._run_observer = run_observer
-        # what the running job was ordered with: log, text of a faults file, record of a campaign
-        self._path, self._faults, self._campaign, self._watched = Path(), "", None, False
+        # what the running job was ordered with: log, text of a faults file, record of a campaign, operator
+        self._path, self._faults, self._campaign, self._watched, self._operator = Path(), "", None, False, ""
         self._first_object = next(iter(source.description.objects))
 
     def run(self, request: RunRequest, log: Path) -> Result:
@@ -67,7 +67,7 @@ class Jobs:
         if not asked.by_hand:  # which is the way out, and to the next point of a calibration
             self._source.check()
         self._path, self._faults, self._watched = log, request.faults, request.watched
-        self._campaign = request.campaign or None
+        self._campaign, self._operator = request.campaign or None, request.operator
         specification = asked.as_job(manager.job_number, request.operator, manager.object_name)
         return carry_out(prepare(specification, self._description), self)
 
@@ -142,7 +142,7 @@ class Jobs:
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        log = run.open_log(self._path, cell.name, self._source.file, cell, self._campaign)
+        log = run.open_log(self._path, cell.name, self._source.file, cell, self._campaign, self._operator)
         self._job_manager.started(self._path.name, {} if log.cameras is None else log.cameras.rings)
         self._idle.tell(Level.INFO, f"{run.specification.verb} started: {self._path.name}")
         return log

@@ -87,12 +87,13 @@ class PreparedRun(Generic[R]):
         raise NotImplementedError
 
     def open_log(
-        self, path: Path, cell_kind: str, cell_file: Path, cell: Cell, campaign: Mapping[str, str] | None = None
-    ) -> TrialLog:
-        """Start the log of the run. campaign: what it says of the campaign that the run is part of. Raises LogError."""
+        self, path: Path, cell_kind: str, cell_file: Path, cell: Cell, campaign: Mapping[str, str] | None = None,
+        operator: str = "",
+    ) -> TrialLog:  # fmt: skip
+        """Start the log of the run. campaign, operator: which campaign and operator ordered it. Raises LogError."""
         return open_log(
             path, self.specification, self.description, cell_kind, cell_file, cell=cell, campaign=campaign,
-            **self.about(),
+            operator=operator, **self.about(),
         )  # fmt: skip
 
 

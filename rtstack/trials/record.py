@@ -217,16 +217,17 @@ def open_log(
     overwrite: bool = False,
     cell: Cell | None = None,
     campaign: Mapping[str, str] | None = None,
+    operator: str = "",
 ) -> TrialLog:
     """Start the log of a trial, with its reference's times and file if it has one. Raises LogError.
 
-    campaign: the metadata record of that name.
-
+    campaign: the metadata record of that name. operator: by whose order, in the record `trial`.
     cell: tells whether its robot waits, and keeps a clock's pace; without it the name of one of our kinds does.
     """
     lockstep = cell_kind.partition(":")[0] in LOCKSTEP_KINDS if cell is None else not cell.own_clocks
     timed = not lockstep or (cell is not None and cell.paced)
     metadata = {"trial": trial_metadata(specification, cell_kind, reference, timed, description.gains.law_inertia)}
+    metadata["trial"] |= {"operator": operator} if operator else {}
     metadata |= {} if campaign is None else {"campaign": dict(campaign)}
     try:
         attached = () if followed is None else followed.attachments()

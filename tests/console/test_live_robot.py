@@ -22,6 +22,9 @@ from rtstack.live.protocol import JobState, RunRequest
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
+from rtstack.log_folder.catalogue import entry_of
+from rtstack.log_folder.log_rows import log_row
+from rtstack.log_folder.search import Outcome, search
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import TARGET, Mailbox, Release
 from rtstack.safety.arming import Phase, Refused
@@ -178,7 +181,7 @@ def test_a_lost_arm_is_said_and_a_recovery_opens_the_cell_again(robot):
 
 @pytest.mark.long  # tests/browser/test_operate does both by the page
 def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
-    robot.order(replace(DEMONSTRATION, object="parcel", variation=1, seed=5))
+    robot.order(replace(DEMONSTRATION, specification=DemonstrationSpecification("parcel", variation=1, seed=5)))
     with pytest.raises(Refused, match="running"):
         robot.job_manager.order(DEMONSTRATION)
     job = robot.finished()
@@ -194,6 +197,8 @@ def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
     assert robot.authority.view().phase is Phase.ARMED  # a grab that does not succeed is no fault
     log = read_log(robot.logs / job.log)
     assert log.metadata["result"]["displacement_mm"] == "-15.0"
+    listed = [(entry := entry_of(log.path), log_row(entry, None))]
+    assert [len(search(listed, f"operator={name}", Outcome.ANY)) for name in ("anna", "ben")] == [1, 0]
     assert followed_file(log, "") == (log.metadata["reference"]["sha256"], recording.read_bytes())
     assert len(robot.opened) == 3
     assert robot.job_manager.status().object == "parcel"
