@@ -15,7 +15,7 @@ import viser
 from console.questions.questions import Question, Questions
 from console.questions.trial_path import TrialPath
 from console.refused import Refused
-from console.scene.scene import add_edges, box_edges, grown
+from console.scene.scene import Force, add_edges, box_edges, grown
 from hal.base.arrays import Array
 from hal.displacement import Displacement
 from rtstack.live.protocol import JobKind, Status
@@ -103,7 +103,8 @@ class ExperimentFigures:
         self._scene, self._cell = scene, cell
         self._drawn: tuple[TrialPlan | None, bool] = (None, False)
         self._nodes: list[viser.SceneNodeHandle] = []
-        self._hits = [Hit(scene, side) for side in cell.sides]
+        drawn = HIT_COLOUR, 0.014, _M_PER_N, _LEAST_N, "bottom-center", "at most {:.0f} N"
+        self._hits = [Force(scene, f"/hit/{side}", *drawn) for side in cell.sides]
 
     def show(self, plan: TrialPlan | None, path: TrialPath | None) -> None:
         """Draw a plan, once for each; path: None where it is not known yet."""
@@ -122,7 +123,7 @@ class ExperimentFigures:
     def show_hits(self, hits: Sequence[tuple[Array, Array] | None]) -> None:
         """Show where each pad has felt the most, (3,) m, and what, (3,) N; None: nothing yet."""
         for arrow, hit in zip(self._hits, hits, strict=True):
-            arrow.show(hit)
+            arrow.show(*(hit or np.zeros((2, 3))))
 
     def _place(self, plan: TrialPlan) -> None:
         description = self._cell.objects.get(plan.object)
@@ -161,30 +162,3 @@ class ExperimentFigures:
     def _lines(self, name: str, pieces: Array, colour: tuple[int, int, int], thickness: float) -> None:
         if len(pieces):
             self._nodes.append(add_edges(self._scene, f"/trial/{name}", pieces, colour, thickness))
-
-
-class Hit:
-    """What a pad has met at most: an arrow where it was, with its newtons."""
-
-    def __init__(self, scene: viser.SceneApi, side: str) -> None:
-        self._shown: tuple[Array, Array] | None = None
-        self._arrow = scene.add_arrows(
-            f"/hit/{side}", np.zeros((1, 2, 3), np.float32), HIT_COLOUR,
-            shaft_radius=0.007, head_radius=0.018, head_length=0.035, visible=False,
-        )  # fmt: skip
-        self._label = scene.add_label(f"/hit/{side}/newtons", "", anchor="bottom-center", visible=False)
-
-    def show(self, hit: tuple[Array, Array] | None) -> None:
-        """See ExperimentFigures.show_hits."""
-        if hit is not None and np.linalg.norm(hit[1]) < _LEAST_N:
-            hit = None
-        if hit is self._shown:
-            return
-        self._shown = hit
-        self._arrow.visible = self._label.visible = hit is not None
-        if hit is not None:
-            place, force = hit
-            tip = place + _M_PER_N * force
-            self._arrow.points = np.array([[place, tip]], np.float32)
-            self._label.position = tip
-            self._label.text = f"at most {np.linalg.norm(force):.0f} N"

@@ -5,7 +5,7 @@ It is drawn as a ghost in the live scene, for all who look, and ends at once whe
 
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -54,15 +54,6 @@ class GhostView:
     impact_s: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Play:
-    shown: Shown
-    motion: Motion
-    speed: float
-    began_s: float  # monotonic
-    impact_s: float | None
-
-
 def motion_of(log: Log, start_s: float = 0.0, end_s: float = np.inf) -> Motion:
     """Return what both arms and the object did in a part of a log. Raises LogError where there is nothing."""
     arms = [log.topic(f"/{side}/arm") for side in SIDES]
@@ -87,15 +78,16 @@ class GhostPlayer:
 
     def __init__(self, logs: Path) -> None:
         self._logs = logs
-        self._play: _Play | None = None
+        self._play: tuple[GhostView, Motion, float] | None = None  # and when it began, monotonic s
         self._replayed = -1  # the newest job whose end was looked at
         self._looked = False  # at the robot: what had ended before is not shown
         self._moves = False
 
     def play(self, motion: Motion, shown: Shown, speed: float = 1.0, impact_s: float | None = None) -> None:
         """Show a motion from its start, unless something moves."""
-        if not self._moves:
-            self._play = _Play(shown, motion, speed, time.monotonic(), impact_s)
+        if not self._moves and len(motion.t_s):
+            end_s = float(motion.t_s[-1])
+            self._play = GhostView(shown, float(motion.t_s[0]), end_s, speed, impact_s), motion, time.monotonic()
 
     def end(self) -> None:
         """Show nothing any more."""
@@ -129,22 +121,20 @@ class GhostPlayer:
     @property
     def view(self) -> GhostView | None:
         """What is shown now."""
-        play = self._play
-        if play is None or not len(play.motion.t_s):
+        if (play := self._play) is None:
             return None
-        first, last = float(play.motion.t_s[0]), float(play.motion.t_s[-1])
-        passed_s = time.monotonic() - play.began_s
-        if passed_s * play.speed > last - first + STAYS_S * play.speed:
+        begun, _, began_s = play
+        at_s = begun.t_s + (time.monotonic() - began_s) * begun.speed
+        if at_s > begun.end_s + STAYS_S * begun.speed:
             self._play = None
             return None
-        at_s = min(first + passed_s * play.speed, last)
-        return GhostView(play.shown, at_s, last, play.speed, play.impact_s)
+        return replace(begun, t_s=min(at_s, begun.end_s))
 
     def pose(self) -> tuple[Array, str, Array | None] | None:
         """Return joints (2, 7), the object's name and its pose (7,), as they are shown now; None for nothing."""
         play, view = self._play, self.view
         if play is None or view is None:
             return None
-        row = min(int(np.searchsorted(play.motion.t_s, view.t_s)), len(play.motion.t_s) - 1)
-        placed = None if play.motion.object_poses is None else play.motion.object_poses[row]
-        return play.motion.q[row], play.motion.object, placed
+        motion = play[1]
+        row = min(int(np.searchsorted(motion.t_s, view.t_s)), len(motion.t_s) - 1)
+        return motion.q[row], motion.object, None if motion.object_poses is None else motion.object_poses[row]

@@ -7,7 +7,7 @@ the arm itself is the measured robot. World frame.
 import numpy as np
 import viser
 
-from console.scene.scene import COLOURS
+from console.scene.scene import COLOURS, Force
 from console.teleoperation.quaternion import conjugate, product
 from console.teleoperation.teleop_input import TeleopInput
 from console.teleoperation.teleop_view import Handles
@@ -30,7 +30,6 @@ class _Hand:
         self._teleop, self._side, name = teleop, side, cell.sides[side]
         self._upright: Array | None = None  # the pad's orientation where its gizmo is along the world
         self._shown, self._told = np.full(7, np.inf), np.full(7, np.inf)
-        self._force = np.full(3, np.inf)
         size = cell.pads[side].size
         behind_face = (0.0, 0.0, -size[2] / 2.0)
         # arrows or rings, never both: where they cross, the ring would take the arrow's drag
@@ -49,11 +48,7 @@ class _Hand:
             f"/command/{name}/pad", _COMMAND_COLOUR, 1.04 * np.array(size), opacity=0.45,
             position=behind_face, cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
-        self._arrow = scene.add_arrows(
-            f"/force/{name}", np.zeros((1, 2, 3), np.float32), COLOURS[name],
-            shaft_radius=0.006, head_radius=0.016, head_length=0.035, visible=False,
-        )  # fmt: skip
-        self._newtons = scene.add_label(f"/force/{name}/newtons", "", anchor="top-center", visible=False)
+        self._force = Force(scene, f"/force/{name}", COLOURS[name], 0.012, _M_PER_N, _LEAST_N, "top-center")
 
     async def _moved(self, event: viser.TransformControlsEvent) -> None:
         if self._upright is not None:
@@ -63,8 +58,7 @@ class _Hand:
     def show_handles(self, shown: bool, turn: bool) -> None:
         """Show gizmo, request and command, or hide them. turn: with rings, not arrows."""
         for node in (self._grip, self._request, self._command):
-            if node.visible != shown:
-                node.visible = shown
+            node.visible = shown
         if self._grip.disable_axes != turn and not self._teleop.dragging(self._side):
             self._grip.disable_axes, self._grip.disable_rotations = turn, not turn
 
@@ -73,7 +67,7 @@ class _Hand:
         if self._upright is None:
             self._upright = pose[3:].copy()
         if force is not None:
-            self._show_force(pose[:3], force)
+            self._force.show(pose[:3], force)
 
     def show_command(self, pose: Array) -> None:
         """Show where the arm is told to be, (7,)."""
@@ -83,9 +77,7 @@ class _Hand:
 
     def show_request(self, pose: Array, refused: bool) -> None:
         """Show what is asked of the arm, (7,)."""
-        colour = _REFUSED_COLOUR if refused else _REQUEST_COLOUR
-        if tuple(self._wire.color) != colour:
-            self._wire.color = colour
+        self._wire.color = _REFUSED_COLOUR if refused else _REQUEST_COLOUR
         # a pose that is set during a drag does not stick
         if not self._teleop.dragging(self._side) and self._upright is not None:
             grip, wxyz = self._grip, product(pose[3:], conjugate(self._upright))
@@ -94,19 +86,6 @@ class _Hand:
         if np.abs(pose - self._shown).max() > _SMALLEST_MOVE:
             self._shown = pose
             self._request.position, self._request.wxyz = pose[:3], pose[3:]
-
-    def _show_force(self, position: Array, force: Array) -> None:
-        size = float(np.linalg.norm(force))
-        strong = size > _LEAST_N
-        if self._arrow.visible != strong:
-            self._arrow.visible = self._newtons.visible = strong
-        if strong and np.abs(force - self._force).max() > 0.2:
-            self._force = force
-            tip = position + _M_PER_N * force
-            self._arrow.points = np.array([[position, tip]], np.float32)
-            self._newtons.position = tip
-            if self._newtons.text != f"{size:.0f} N":
-                self._newtons.text = f"{size:.0f} N"
 
 
 class Gizmos:

@@ -5,6 +5,7 @@ Each arm is a chain of frames from our own description, so that seven rotations 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import viser
@@ -25,6 +26,7 @@ _FLOOR_M = 4.0
 _EDGES = np.array([[a, a | bit] for a in range(8) for bit in (1, 2, 4) if not a & bit])  # of a box, by its corners
 # m, and of a quaternion: less than a pixel, and more than a tracker's noise, which would draw the scene for ever
 _SMALLEST_OBJECT_MOVE = np.array([1e-3] * 3 + [3e-3] * 4)
+_SMALLEST_FORCE = np.array([1e-3] * 3 + [0.2] * 3)  # m, N
 _SMALLEST_MOVE = 3e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
 
 
@@ -40,27 +42,32 @@ class Ghost:
     """
 
     path: str
-    colour: tuple[int, int, int]
-    opacity: float = 0.4
+    colour: tuple[int, int, int] | None
+    opacity: float | None = 0.4
+
+    def size(self, size: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Return the size, m, at which a box is drawn."""
+        return size if self is SOLID else grown(size)
+
+
+SOLID = Ghost("", None, None)  # what is here
 
 
 class ArmFigure:
     """One arm and its pad in a scene."""
 
-    def __init__(
-        self, scene: viser.SceneApi, side: str, cell: CellDescription, full: bool, ghost: Ghost | None = None
-    ) -> None:
-        mounting = cell.mountings[side]
+    def __init__(self, scene: viser.SceneApi, side: str, cell: CellDescription, full: bool, ghost: Ghost) -> None:
+        mounting, solid = cell.mountings[side], ghost is SOLID
         *self._joints, flange = joint_placements(mounting.robot.urdf)
         self._frames: list[viser.FrameHandle] = []
         self._shown = np.full(DOF, np.inf)
-        colour = COLOURS[side] if ghost is None else ghost.colour
-        path = root = f"/{side}" if ghost is None else f"{ghost.path}/{side}"
+        colour = ghost.colour or COLOURS[side]
+        path = root = f"{ghost.path}/{side}"
         self._base = scene.add_frame(
             path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz
         )
-        parts = hull_parts if ghost is not None else full_parts if full else light_parts
-        full = full and ghost is None
+        parts = hull_parts if not solid else full_parts if full else light_parts
+        full = full and solid
         _add_parts(scene, path, parts(mounting.robot, LINKS[0]), full, ghost)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
@@ -68,22 +75,17 @@ class ArmFigure:
             self._frames.append(frame)
             _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
         pad = mounting.pad or cell.pad
-        box = pad.F_T_box
+        box, size = pad.F_T_box, ghost.size(pad.size)
         centre = box[:3, 3] + (0.0, 0.0, flange.position[2])
         scene.add_box(
-            f"{path}/pad",
-            color=colour,
-            dimensions=pad.size if ghost is None else grown(pad.size),
-            position=centre,
-            wxyz=np.array(pad.orientation_wxyz),
-            opacity=None if ghost is None else ghost.opacity,
+            f"{path}/pad", colour, size, position=centre, wxyz=np.array(pad.orientation_wxyz), opacity=ghost.opacity,
             cast_shadow=full,
-        )
-        if ghost is None:
+        )  # fmt: skip
+        if solid:
             outwards = 0.24 if side == "left" else -0.24
             scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
         else:
-            edges = box_edges(grown(pad.size), np.zeros(3)) @ box[:3, :3].T + centre
+            edges = box_edges(size, np.zeros(3)) @ box[:3, :3].T + centre
             add_edges(scene, f"{path}/pad_edges", edges, colour)
         self.show(np.array(mounting.home))
 
@@ -97,8 +99,7 @@ class ArmFigure:
 
     def set_visible(self, visible: bool) -> None:
         """Show the arm, or nothing of it."""
-        if self._base.visible != visible:
-            self._base.visible = visible
+        self._base.visible = visible
 
 
 def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> None:
@@ -143,12 +144,9 @@ class CellFigures:
     `full` chooses the visual meshes, otherwise the light ones without shadows. ghost: drawn as one, in the light way.
     """
 
-    def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool, ghost: Ghost | None = None) -> None:
-        self._ghost = ghost
-        self._root = None if ghost is None else scene.add_frame(ghost.path, show_axes=False)
-        self._scene = scene
-        self._cell = cell
-        self._full = full
+    def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool, ghost: Ghost = SOLID) -> None:
+        self._root = None if ghost is SOLID else scene.add_frame(ghost.path, show_axes=False)
+        self._scene, self._cell, self._full, self._ghost = scene, cell, full, ghost
         self._arms = {side: ArmFigure(scene, side, cell, full, ghost) for side in cell.mountings}
         self._object: viser.BoxHandle | None = None
         self._object_name = ""
@@ -156,7 +154,7 @@ class CellFigures:
 
     def set_visible(self, visible: bool) -> None:
         """Show a ghost, or nothing of it until arms are shown again."""
-        if self._root is not None and self._root.visible != visible:
+        if self._root is not None:
             self._root.visible = visible
 
     def show_arms(self, q: Array, sides: Sequence[str] | None = None) -> None:
@@ -178,17 +176,12 @@ class CellFigures:
                 self._object_name = ""
             return
         if self._object is None or name != self._object_name:
-            path = "/object" if self._ghost is None else f"{self._ghost.path}/object"
-            size = description.size if self._ghost is None else grown(description.size)
+            path, size, colour = f"{self._ghost.path}/object", self._ghost.size(description.size), self._ghost.colour
             self._object = self._scene.add_box(
-                path,
-                color=_OBJECT_COLOUR if self._ghost is None else self._ghost.colour,
-                dimensions=size,
-                opacity=0.92 if self._ghost is None else self._ghost.opacity,
-                cast_shadow=self._full,
+                path, colour or _OBJECT_COLOUR, size, opacity=self._ghost.opacity or 0.92, cast_shadow=self._full
             )
-            if self._ghost is not None:
-                add_edges(self._scene, f"{path}/edges", box_edges(size, np.zeros(3)), self._ghost.colour)
+            if colour is not None:
+                add_edges(self._scene, f"{path}/edges", box_edges(size, np.zeros(3)), colour)
             self._object_name = name
             self._object_pose[:] = np.inf
         if (np.abs(pose - self._object_pose) > _SMALLEST_OBJECT_MOVE).any():
@@ -218,15 +211,35 @@ def add_edges(
     return scene.add_line_segments(path, points, colour, thickness=width_px, thickness_units="screen")
 
 
-def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool, ghost: Ghost | None) -> None:
+def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool, ghost: Ghost) -> None:
     for number, part in enumerate(parts):
         scene.add_mesh_simple(
-            f"{path}/part{number}",
-            part.vertices,
-            part.faces,
-            color=part.colour if ghost is None else ghost.colour,
-            opacity=None if ghost is None else ghost.opacity,
-            flat_shading=False,
-            cast_shadow=full,
-            receive_shadow=full,
-        )
+            f"{path}/part{number}", part.vertices, part.faces, color=ghost.colour or part.colour, opacity=ghost.opacity,
+            flat_shading=False, cast_shadow=full, receive_shadow=full,
+        )  # fmt: skip
+
+
+class Force:
+    """A force in the scene: an arrow from where it acts, with its newtons. width_m: of its shaft."""
+
+    def __init__(
+        self, scene: viser.SceneApi, path: str, colour: tuple[int, int, int], width_m: float, m_per_n: float,
+        least_n: float, anchor: Literal["top-center", "bottom-center"], words: str = "{:.0f} N",
+    ) -> None:  # fmt: skip
+        self._m_per_n, self._least_n, self._words = m_per_n, least_n, words
+        self._shown = np.full(6, np.inf)
+        self._arrow = scene.add_arrows(
+            path, np.zeros((1, 2, 3), np.float32), colour, shaft_radius=width_m / 2.0, head_radius=1.3 * width_m,
+            head_length=0.035, visible=False,
+        )  # fmt: skip
+        self._label = scene.add_label(f"{path}/newtons", "", anchor=anchor, visible=False)
+
+    def show(self, place: Array, force: Array) -> None:
+        """Show a force (3,), N, on what is at (3,), m; nothing of one that is too small."""
+        size, now = float(np.linalg.norm(force)), np.concatenate([place, force])
+        self._arrow.visible = self._label.visible = size > self._least_n
+        if size > self._least_n and (np.abs(now - self._shown) > _SMALLEST_FORCE).any():
+            self._shown = now
+            self._label.position = tip = place + self._m_per_n * force
+            self._arrow.points = np.array([[place, tip]], np.float32)
+            self._label.text = self._words.format(size)
