@@ -77,7 +77,8 @@ def show(template: str, page: str, request: Request, parts: Parts, **more: objec
 
 
 def sign_in_page(
-    address: Address, stopper: UserSession | None, status: int, waits_s: float = 0.0, token: str = "", operator: str = ""
+    address: Address, stopper: UserSession | None, status: int, waits_s: float = 0.0, token: str = "",
+    operator: str = "",
 ) -> HTMLResponse:  # fmt: skip
     """Return how to sign in, with STOP for a browser that was signed in before.
 

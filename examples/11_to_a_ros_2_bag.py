@@ -1,7 +1,7 @@
 """A log as a ROS 2 bag, without a ROS installation: joint states, wrenches at the pads and the tree of frames.
 
-Its stamps are Unix time, so that it lies beside a bag that was recorded at the same time; the robot's time where the log
-has no time of day.
+Its stamps are Unix time, so that it lies beside a bag that was recorded at the same time; the robot's time where the
+log has no time of day.
 
 pip install rosbags
 python 11_to_a_ros_2_bag.py trial.mcap trial_bag       # then: ros2 bag play trial_bag
