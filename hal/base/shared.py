@@ -9,6 +9,7 @@ import fcntl
 import mmap
 import os
 import pwd
+import re
 import shutil
 import stat
 import tempfile
@@ -144,14 +145,25 @@ def private_folder(kind: str) -> Iterator[Path]:
 
 @contextmanager
 def held(path: Path, alone: bool = False) -> Iterator[None]:
-    """Hold a block or folder: it stays. alone: raise BlockingIOError where another process holds it. Raises OSError."""
+    """Hold a block or folder: it stays. alone: raise BlockingIOError where a process has it. Raises OSError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH)
         path.lstat()
+        if alone and _mapped(path):
+            raise BlockingIOError(errno.EWOULDBLOCK, "its process maps it", str(path))
         yield
     finally:
         os.close(descriptor)
+
+
+def _mapped(path: Path) -> bool:
+    """Return whether the process that a block's name has the id of maps it: older versions of the program lock none."""
+    for number in re.findall(r"\d+", path.name):
+        with suppress(OSError):
+            if f" {path}\n".encode() in Path(f"/proc/{number}/maps").read_bytes():
+                return True
+    return False
 
 
 def shared() -> list[Path]:

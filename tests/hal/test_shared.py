@@ -72,6 +72,31 @@ def test_what_a_killed_process_leaves_goes_and_what_a_living_one_has_stays(tmp_p
     assert [each.name for each in tmp_path.iterdir()] == ["rtstack-of-a-person"]
 
 
+OLDER = """
+import mmap, os
+name = f"rtstack-{os.getpid()}-0123abcd"
+with open(f"/dev/shm/{name}", "w+b") as file:
+    file.truncate(64)
+    memory = mmap.mmap(file.fileno(), 64)
+print(name, flush=True)
+input()
+"""
+
+
+def test_a_block_without_a_lock_stays_while_its_process_maps_it():
+    """As of a stack of an older version, which runs on while this one starts."""
+    with subprocess.Popen([sys.executable, "-c", OLDER], stdin=-1, stdout=-1, text=True) as process:
+        assert process.stdout is not None
+        path = Path("/dev/shm", process.stdout.readline().strip())
+        assert path not in left_behind()
+        remove_left()
+        assert path.exists()
+        process.kill()
+    assert path in left_behind()
+    remove_left()
+    assert not path.exists()
+
+
 def test_a_block_is_there_as_a_whole_or_not_at_all(places, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
