@@ -42,10 +42,8 @@ class Pictures:
 
 @dataclass(frozen=True)
 class Episode:
-    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time;
-    quaternions are continuous. row: as the list of logs has it.
-
-    time: how its times are UTC, None where it does not say. pictures: of each camera, by its name."""
+    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time,
+    quaternions continuous. row: in the list of logs. time: of day, None where unknown. pictures: by camera."""
 
     path: Path
     digest: str
@@ -102,17 +100,12 @@ class Episode:
     @cached_property
     def cell(self) -> Mapping[str, Any]:
         """The cell's file as the log has it, empty where it has none."""
-        for attachment in self.attachments:
-            if attachment.name == "cell.toml":
-                return tomllib.loads(attachment.data.decode())
-        return {}
+        return next((tomllib.loads(a.data.decode()) for a in self.attachments if a.name == "cell.toml"), {})
 
     @property
     def source(self) -> str:
         """Everything that the log says in words, as JSON: its records of metadata, its name and its digest."""
-        return json.dumps(
-            {"file": self.path.name, "sha256": self.digest} | {k: dict(v) for k, v in self.metadata.items()}
-        )
+        return json.dumps({"file": self.path.name, "sha256": self.digest, **self.metadata})
 
 
 def _worded(values: Mapping[str, Any]) -> dict[str, str]:
@@ -141,15 +134,13 @@ def read_episode(path: Path, digest: str) -> Episode:
         for name, part in batch.records.items():
             parts[name].append(part)
     records = {name: np.concatenate(each) for name, each in parts.items()}
-    for name, topic in TOPICS.items():
-        for one in topic.message.fields:
-            for k in quaternions_of(one.axes):
-                values = records[name][one.name]
-                values[:, k : k + 4] = continuous(values[:, k : k + 4])
+    for name, one in ((name, one) for name, topic in TOPICS.items() for one in topic.message.fields):
+        for k in quaternions_of(one.axes):
+            values = records[name][one.name]
+            values[:, k : k + 4] = continuous(values[:, k : k + 4])
     cameras = (found[1] for topic in log.topics if (found := PICTURES.fullmatch(topic)))
     pictures = {name: shown for name in cameras if (shown := _pictures(log, name)).t_ns}
-    row = log_row(entry_of(path), None)
-    about = log.start_ns, log.metadata, log.attachments
+    row, about = log_row(entry_of(path), None), (log.start_ns, log.metadata, log.attachments)
     return Episode(path, digest, *about, records, row, time_of_day(log), pictures)
 
 

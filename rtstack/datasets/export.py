@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rtstack.datasets.episode import Episode, read_episode
 from rtstack.datasets.selection import Candidate, select, unreadable
@@ -21,23 +21,24 @@ from rtstack.log.errors import LogError
 _OURS = re.compile(r"unfinished|whole|(\d{6}-)?[0-9a-f]{16}-[\w-]+")  # what an export leaves in OUT.partial
 
 
-class Format(Protocol):
+class Format:
     """A form of a data set. needs: the modules that it imports; settings: what its episodes' files depend on, as
     a part of their names; alike: all of its episodes have the same topics and cameras."""
 
     needs: tuple[str, ...]
     settings: str
-    alike: bool
+    alike = False
 
     def check(self, episode: Episode) -> None:
         """Raise LogError for an episode that cannot be written."""
 
     def write(self, episode: Episode, path: Path) -> None:
         """Write an episode as a file or folder. Raises LogError for one that cannot be."""
+        raise NotImplementedError
 
     def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
-        """Make the data set `whole`, which is not there, of the episodes' files, which stay. about: `selection`
-        and `failed`, what was asked for, and `left_out`, a list of log and why."""
+        """Make the data set `whole` of the episodes' files. about: what was asked for, and the logs left out."""
+        raise NotImplementedError
 
 
 class NothingToExport(LogError):
@@ -65,10 +66,9 @@ def export(
     places: Sequence[Path], out: Path, form: Format, progress: Callable[[float], None] | None = None, *,
     query: str = "", failed: bool = False, dry_run: bool = False,
 ) -> Exported:  # fmt: skip
-    """Write the data set `out` of logs, an episode each, in their order.
+    """Write the data set `out` of logs, an episode each, in their order, with a list of those that are left out.
 
-    What an interrupted export of the same logs left in OUT.partial is not made again. A log that cannot be an episode
-    is left out, and the data set has a list of those with the reasons.
+    What an interrupted export of the same logs left in OUT.partial is not made again.
 
     Args:
         places, query, failed: see rtstack.datasets.selection.select.
@@ -109,9 +109,8 @@ def export(
             os.rename(whole, out)
             shutil.rmtree(partial)
     except OSError as error:
-        raise LogError(
-            f"cannot write {out}: {error.strerror or error}; the same command goes on where this one ended"
-        ) from None
+        why = f"{error.strerror or error}; the same command goes on where this one ended"
+        raise LogError(f"cannot write {out}: {why}") from None
     finally:
         with contextlib.suppress(OSError):
             partial.rmdir()  # where nothing is in it, nothing was written

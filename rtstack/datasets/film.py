@@ -1,14 +1,13 @@
 """A camera's pictures at the frames as a film of H.264, and back, by PyAV (the extra `video`)."""
 
 import io
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
 from PIL import Image
 
-from rtstack.datasets.episode import Pictures
 from rtstack.log.video import load_av
 
 # of x264: constant quality whose loss is hard to see, and every other frame a key frame, as in LeRobot's own films: a
@@ -17,28 +16,30 @@ _OPTIONS = {"crf": "18", "g": "2", "preset": "veryfast"}
 _JPEG_QUALITY = 95  # of a picture of the film: it is not to lose twice
 
 
-def write_film(path: Path, pictures: Pictures, at: NDArray[Any], fps: int) -> dict[str, Any]:
-    """Write the pictures of these numbers (n,) as a film of so many frames a second; return LeRobot's description.
-
-    Raises LogError without PyAV.
-    """
-    av = load_av()
-    shown = {k: Image.open(io.BytesIO(pictures.jpeg[k])) for k in set(at.tolist())}
-    width, height = shown[int(at[0])].size
+def film_info(height: int, width: int, fps: int) -> dict[str, Any]:
+    """Return LeRobot's description of a film."""
     form = "yuv444p" if width % 2 or height % 2 else "yuv420p"  # which has one colour for two rows and columns
-    with av.open(str(path), "w") as film:
-        stream = film.add_stream("libx264", rate=fps, options=_OPTIONS)
-        stream.width, stream.height, stream.pix_fmt = width, height, form
-        stream.codec_context.thread_count = 1
-        for number, k in enumerate(at.tolist()):
-            frame = av.VideoFrame.from_image(shown[k].convert("RGB"))
-            frame.pts, frame.time_base = number, Fraction(1, fps)
-            film.mux(stream.encode(frame))
-        film.mux(stream.encode(None))
     return {
         "video.height": height, "video.width": width, "video.codec": "h264", "video.pix_fmt": form, "video.fps": fps,
         "video.channels": 3, "video.is_depth_map": False, "has_audio": False,
     }  # fmt: skip
+
+
+def write_film(path: Path, pictures: Sequence[bytes], fps: int) -> None:
+    """Write JPEG pictures as a film of so many frames a second. Raises LogError without PyAV."""
+    av = load_av()
+    shown = {jpeg: Image.open(io.BytesIO(jpeg)).convert("RGB") for jpeg in set(pictures)}
+    width, height = shown[pictures[0]].size
+    with av.open(str(path), "w") as film:
+        stream = film.add_stream("libx264", rate=fps, options=_OPTIONS)
+        stream.width, stream.height = width, height
+        stream.pix_fmt = film_info(height, width, fps)["video.pix_fmt"]
+        stream.codec_context.thread_count = 1
+        for number, jpeg in enumerate(pictures):
+            frame = av.VideoFrame.from_image(shown[jpeg])
+            frame.pts, frame.time_base = number, Fraction(1, fps)
+            film.mux(stream.encode(frame))
+        film.mux(stream.encode(None))
 
 
 def film_pictures(path: Path) -> list[bytes]:

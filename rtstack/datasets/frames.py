@@ -4,20 +4,29 @@ A frame is at the last tick of its interval: what it observes was known when it 
 describes all features.
 """
 
+import io
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from hal.base.record import Field
 from hal.state import ARM_STATE_FIELDS
 from hal.topic import Topic
 from rtstack.datasets.episode import Episode, Pictures, continuous, field_attributes, quaternions_of
+from rtstack.datasets.export import Format
 from rtstack.log.errors import LogError
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
 
+IMAGES, PICTURE_TIMES = "observation.images.", "timing.picture_t_ns."
+_SAID, _ENDS = "said", ".ends"
+_DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 TICK_NS, TICKS = 1_000_000, 1000  # of a tick, and how many a second has
 _MEASURED = {field.name for field in ARM_STATE_FIELDS}
 
@@ -30,25 +39,79 @@ class Feature:
     names: tuple[str, ...]
     attributes: Mapping[str, str]
 
+    @property
+    def about(self) -> dict[str, Any]:
+        """What it is, in LeRobot's words."""
+        shape, kind = list(self.values.shape[1:]) or [1], _DTYPES[self.values.dtype.kind]
+        return {"dtype": kind, "shape": shape, "names": list(self.names), **self.attributes}
 
-class FrameFormat:
+
+class FrameFormat(Format):
     """A data set of frames. fps: frames in a second, which begin at ticks; ticks: with the 1 kHz samples. Raises
     LogError."""
 
     name: str
-    needs: tuple[str, ...]
     alike = True
 
     def __init__(self, fps: int = 50, ticks: bool = True) -> None:
         if not 1 <= fps <= TICKS or TICKS % fps:
             raise LogError(f"--fps {fps}: frames begin at ticks of 1 kHz, so that 1000 is a multiple of it, as of 50")
-        self.fps, self.ticks, self.settings = fps, ticks, f"{self.name}-{fps}" + ("" if ticks else "-frames")
+        self.fps, self.ticks, self.settings = fps, ticks, f"{self.name}-{fps}-" + ("ticks" if ticks else "frames")
 
     def check(self, episode: Episode) -> None:
         """See Format: it has to be as long as one frame."""
         first_ns, last_ns = span_of(episode)
         if (last_ns - first_ns) // TICK_NS + 1 < TICKS // self.fps:
             raise LogError(f"{episode.path}: it is shorter than one frame at --fps {self.fps}")
+
+    def kept(self, episode: Episode) -> dict[str, Any]:
+        """Return what the data set keeps of an episode beside its frames, labels and facts."""
+        return {"source": episode.source}
+
+    def write(self, episode: Episode, path: Path) -> None:
+        """See Format: the values of the frames, the pictures' JPEG, and what they are, as one file of NumPy."""
+        features = frames_of(episode, self.fps, self.ticks)
+        arrays = {name: feature.values for name, feature in features.items()}
+        about = {name: feature.about for name, feature in features.items()}
+        for camera, pictures in episode.pictures.items():
+            at, name = pictures_at(episode, pictures, len(arrays["action"]), self.fps), IMAGES + camera
+            jpeg = [pictures.jpeg[k] for k in at]
+            arrays[name] = np.frombuffer(b"".join(jpeg), np.uint8)
+            arrays[name + _ENDS] = np.cumsum([len(each) for each in jpeg])
+            shape = list(decoded(jpeg[0]).shape)
+            about[name] = {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
+            text = {"unit": "ns", "description": "When the picture was taken, of the robot's time."}
+            times = Feature(np.array(pictures.t_ns, np.int64)[at], ("t_ns",), text)
+            arrays[PICTURE_TIMES + camera], about[PICTURE_TIMES + camera] = times.values, times.about
+        labels = {**episode.labels, **episode.facts, **self.kept(episode)}
+        robot = "_".join(a.name.removesuffix(".urdf") for a in episode.attachments if a.name.endswith(".urdf"))
+        said = {"file": episode.path.name, "task": episode.task, "robot": robot, "labels": labels, "features": about}
+        arrays[_SAID] = np.frombuffer(json.dumps(said).encode(), np.uint8)
+        with open(path, "wb") as file:
+            np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+def written(paths: Sequence[Path]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield of each file of FrameFormat.write what it says, and its values by feature; of a camera the JPEG of each
+    frame. Raises LogError for one whose features are not those of the first."""
+    features = None
+    for path in paths:
+        with np.load(path) as file:
+            values: dict[str, Any] = dict(file)
+        said = json.loads(values.pop(_SAID).tobytes())
+        features = features or said["features"]
+        if said["features"] != features:
+            why = "its topics, arms or cameras are not those of the first log: export it by itself"
+            raise LogError(f"{said['file']}: {why}")
+        for name in [name for name in features if name.startswith(IMAGES)]:
+            parts = np.split(values[name], values.pop(name + _ENDS)[:-1])
+            values[name] = [each.tobytes() for each in parts]
+        yield said, values
+
+
+def decoded(jpeg: bytes) -> NDArray[np.uint8]:
+    """Return a picture, (rows, columns, 3), RGB."""
+    return np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
 
 
 def pictures_at(episode: Episode, pictures: Pictures, count: int, fps: int) -> NDArray[np.intp]:

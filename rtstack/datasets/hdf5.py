@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from hal.topic import Topic
 from rtstack.datasets.episode import NONE, Episode, field_attributes
+from rtstack.datasets.export import Format
 from rtstack.topics import OBJECT_TOPIC, TOPICS
 
 TIME = "Time(s)"  # the first column of a datalog, s since the recording's first sample
@@ -27,12 +28,11 @@ _ROWS = 2048  # of a chunk: 2 s of the fastest topics
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
-class Hdf5:
-    """A Format: one HDF5 file."""
+class Hdf5(Format):
+    """One HDF5 file."""
 
-    needs: tuple[str, ...] = ("h5py",)
-    alike = False
-    settings: str = "hdf5"
+    needs = ("h5py",)
+    settings = "hdf5"
 
     def write(self, episode: Episode, path: Path) -> None:
         with _new_file(path) as file:
@@ -40,8 +40,7 @@ class Hdf5:
             recording = file.create_group(f"Rec_{began:%Y%m%dT%H%M%SZ}" if began else "Rec_unknown_time")
             recording.attrs["recording_timestamp"] = f"{began:%Y-%m-%dT%H:%M:%SZ}" if began else NONE
             recording.attrs["note"] = f"{episode.facts['kind']}: {episode.task}"
-            for name, value in {**episode.facts, **episode.labels}.items():
-                recording.attrs[name] = value
+            recording.attrs.update({**episode.facts, **episode.labels})
             recording["METADATA/source.json"] = episode.source
             for attachment in episode.attachments:
                 kind = "ROBOT" if attachment.name.endswith(".urdf") else "ENVIRONMENT"
@@ -52,9 +51,6 @@ class Hdf5:
                 if len(episode.records[name]):
                     self._sensor(recording, episode, topic)
             self._object(recording, episode)
-
-    def check(self, episode: Episode) -> None:
-        """See Format: any episode can be written."""
 
     def join(self, episodes: Sequence[Path], whole: Path, about: dict[str, Any]) -> None:
         """See Format. Compressed chunks are copied as they are."""
@@ -79,18 +75,14 @@ class Hdf5:
         table[TIME] = 1e-9 * (records["t_ns"] - episode.start_ns)
         if episode.time is not None:
             table[UTC] = episode.time.unix_ns(records["t_ns"])
-        for name in topic.record.names or ():
-            table[name] = records[name]
+        table[list(topic.record.names or ())] = records
         log = sensor.create_dataset("datalog", data=table, chunks=(min(_ROWS, len(table)),), **_FILTERS)
         if topic.rate_hz:
-            log.attrs["sample_frequency"], log.attrs["sample_frequency_unit"] = str(topic.rate_hz), "Hz"
-        log.attrs["duration"], log.attrs["duration_unit"] = str(table[TIME][-1] - table[TIME][0]), "s"
-        log.attrs["t_ns.unit"], log.attrs["t_ns.description"] = "ns", "Robot's time."
-        if utc:
-            log.attrs[f"{UTC}.unit"], log.attrs[f"{UTC}.description"] = "ns", "Unix time of t_ns."
-        for name, attributes in field_attributes(topic).items():
-            for key, value in attributes.items():
-                log.attrs[f"{name}.{key}"] = value
+            log.attrs.update({"sample_frequency": str(topic.rate_hz), "sample_frequency_unit": "Hz"})
+        log.attrs.update({"duration": str(table[TIME][-1] - table[TIME][0]), "duration_unit": "s"})
+        about = {"t_ns": {"unit": "ns", "description": "Robot's time."}, **field_attributes(topic)}
+        about |= {UTC: {"unit": "ns", "description": "Unix time of t_ns."}} if utc else {}
+        log.attrs.update({f"{name}.{key}": value for name, each in about.items() for key, value in each.items()})
 
     def _object(self, recording: Any, episode: Episode) -> None:
         """Write what is handled, as the cell's file has it, and where the tracker saw it."""
@@ -99,22 +91,21 @@ class Hdf5:
         if thing is None:
             return
         group = recording.create_group(f"OBJECT/{name}")
+        size = thing["size"]
         for key, values, unit in (
             ("mass", thing["mass"], "kg"),
-            ("dimensions", thing["size"], "m"),
-            ("vertices", _CORNERS * thing["size"], "m"),
+            ("dimensions", size, "m"),
+            ("vertices", _CORNERS * size, "m"),
         ):
             group.create_dataset(key, data=values).attrs["unit"] = unit
         poses = episode.records[OBJECT_TOPIC]
         poses = poses[poses["seen"] != 0]
         if len(poses):
-            processed = recording[f"SENSOR_MEASUREMENT/{OBJECT_TOPIC[1:].replace('/', '_')}"].create_group(
-                f"POSTPROCESSING/{name}"
-            )
+            sensor = f"SENSOR_MEASUREMENT/{OBJECT_TOPIC[1:].replace('/', '_')}"
             T = np.tile(np.eye(4), (len(poses), 1, 1))
             T[:, :3, 3] = poses["position"]
             T[:, :3, :3] = Rotation.from_quat(poses["orientation_wxyz"], scalar_first=True).as_matrix()
-            transforms = processed.create_dataset("transforms", data=T, **_FILTERS)
+            transforms = recording.create_dataset(f"{sensor}/POSTPROCESSING/{name}/transforms", data=T, **_FILTERS)
             transforms.attrs["note"] = "T_world_object, (n, 4, 4), row-major, m: of the rows whose `seen` is not 0"
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from hal.base.files import replacing
 from rtstack.datasets.export import check_installed
 from rtstack.datasets.film import film_pictures
-from rtstack.datasets.frames import TICK_NS, tick_features
-from rtstack.datasets.lerobot import DATA, IMAGES, PICTURE_TIMES, VERSION, VIDEO, LeRobot, plain
+from rtstack.datasets.frames import IMAGES, PICTURE_TIMES, TICK_NS, tick_features
+from rtstack.datasets.lerobot import DATA, VERSION, VIDEO, LeRobot, plain
 from rtstack.log.errors import LogError
 from rtstack.log.writing.job import Attachment
 from rtstack.log.writing.mcap_writer import McapWriter

@@ -37,10 +37,10 @@ class Candidate:
 
 
 def select(places: Sequence[Path], query: str = "", failed: bool = False, alike: bool = True) -> list[Candidate]:
-    """Return the logs of files and folders, in their order, those of a folder by name, with why they are left out.
+    """Return all logs in order, those of a folder by name, with why they are left out.
 
-    A run that was discarded is left out unless the query asks for a verdict, one without success unless it asks for
-    success or a verdict, a person kept it, or failed is set.
+    Left out: a discarded run unless the query asks for a verdict; one without success unless it asks for success or a
+    verdict, a person kept it, or failed is set.
 
     Args:
         places: logs, and folders of logs.
@@ -59,8 +59,7 @@ def select(places: Sequence[Path], query: str = "", failed: bool = False, alike:
         try:
             entries = [entry_of(place)] if not place.is_dir() else Catalogue(place).entries()
         except (LogError, OSError) as error:
-            why = f"cannot be read: {error.strerror if isinstance(error, OSError) else error}"
-            found.append(Candidate(place, why=why, wrong=True))
+            found.append(Candidate(place, why=unreadable(place, error), wrong=True))
             continue
         if not entries:
             found.append(Candidate(place, why="there is no log in this folder", wrong=True))
@@ -93,15 +92,14 @@ def _candidate(entry: LogEntry, conditions: Sequence[Condition], failed: bool) -
         if "recovery" in log.metadata and row.episode_verdict is not EpisodeVerdict.KEPT:
             return known.without("recovered log: samples may be missing; give it the verdict kept to take it")
         return replace(known, digest=digest_of(entry.path), shape=_shape(log))
-    except LogError as error:
+    except (LogError, OSError) as error:
         return known.without(unreadable(entry.path, error))
-    except OSError as error:
-        return known.without(f"cannot be read: {error.strerror}")
 
 
-def unreadable(path: Path, error: LogError) -> str:
+def unreadable(path: Path, error: LogError | OSError) -> str:
     """Return why a log cannot be an episode, without its name in front."""
-    return f"cannot be read: {str(error).removeprefix(str(path)).lstrip(': ')}"
+    text = error.strerror if isinstance(error, OSError) else str(error)
+    return f"cannot be read: {(text or '').removeprefix(str(path)).lstrip(': ')}"
 
 
 def _unwanted(row: LogRow, asked: set[str], failed: bool) -> str:
@@ -119,9 +117,8 @@ def _unwanted(row: LogRow, asked: set[str], failed: bool) -> str:
 
 def _shape(log: Log) -> frozenset[str]:
     """Return the topics that decide which features the frames of a log have."""
-    return frozenset(
-        name for name in log.topics if log.count(name) and (name in TICK_TOPICS or PICTURES.fullmatch(name))
-    )
+    deciding = {name for name in log.topics if name in TICK_TOPICS or PICTURES.fullmatch(name)}
+    return frozenset(filter(log.count, deciding))
 
 
 def _unlike(shape: frozenset[str], most: frozenset[str]) -> str:
