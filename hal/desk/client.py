@@ -14,7 +14,7 @@ import json
 import socket
 import ssl
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -157,6 +157,11 @@ class Control:
     number: int | None
 
 
+def _change(path: str, slow_s: float = 0.0, **body: str) -> "Callable[[Desk], None]":
+    """Return a method that has the box change something."""
+    return lambda desk: desk._tell(path, body, slow_s)
+
+
 class Desk:
     """Desk of the box at HOST[:PORT]; close it. control: what `take_control` gave, or what was kept from before."""
 
@@ -227,51 +232,33 @@ class Desk:
         self._tell("/api/system/control-token:release")
         self.control = None
 
-    def unlock(self) -> None:
-        """Open the brakes: the arm stands under its own control from then on."""
-        self._tell("/api/arm/joints:unlock", slow_s=_SLOW_S)
-
-    def lock(self) -> None:
-        """Close the brakes."""
-        self._tell("/api/arm/joints:lock", slow_s=_SLOW_S)
-
-    def execution(self) -> None:
-        """Change to Execution, the mode in which FCI may move the arm."""
-        self._tell("/api/system/operating-mode:change", {"desiredOperatingMode": "Execution"})
-
-    def activate_fci(self) -> None:
-        """Let FCI in."""
-        self._tell("/api/fci:activate", slow_s=_SLOW_S)
-
-    def deactivate_fci(self) -> None:
-        """Let FCI in no more: a motion ends."""
-        self._tell("/api/fci:deactivate", slow_s=_SLOW_S)
-
-    def self_test(self) -> None:
-        """Run the safety self-test: it takes minutes, and brakes and power of the arm go off and on."""
-        self._tell("/api/safety/self-tests:execute", slow_s=_SLOW_S)
-
-    def shut_down(self) -> None:
-        """Shut the box down."""
-        self._tell("/api/system:shutdown")
+    # each of them raises DeskError: open the brakes, so that the arm stands under its own control; close them; change
+    # to the mode in which FCI may move the arm; let FCI in, and in no more, which ends a motion; run the safety
+    # self-test, which takes minutes, and power and brakes of the arm go off and on; shut the box down
+    unlock = _change("/api/arm/joints:unlock", _SLOW_S)
+    lock = _change("/api/arm/joints:lock", _SLOW_S)
+    execution = _change("/api/system/operating-mode:change", desiredOperatingMode="Execution")
+    activate_fci = _change("/api/fci:activate", _SLOW_S)
+    deactivate_fci = _change("/api/fci:deactivate", _SLOW_S)
+    self_test = _change("/api/safety/self-tests:execute", _SLOW_S)
+    shut_down = _change("/api/system:shutdown")
 
     def _read(self, path: str, optional: bool = False) -> Any:
-        answer = self._request("GET", path)
-        if optional and answer.status in (401, 403, 404):
-            return None
-        return self._content(answer)
+        return self._request("GET", path, missing=(401, 403, 404) if optional else ())
 
     def _tell(self, path: str, body: dict[str, Any] | None = None, slow_s: float = 0.0) -> Any:
         headers = {"X-Control-Token": self.control.token} if self.control else {}
-        return self._content(self._request("POST", path, slow_s, json=body or {}, headers=headers))
+        return self._request("POST", path, slow_s, json=body or {}, headers=headers)
 
     def _connected(self, event: str, found: Mapping[str, Any]) -> None:
         """Called by httpcore at each of its steps."""
         if event == "connection.connect_tcp.complete":
+            self._close_lines()  # of one that the box has ended
             self._lines.append(found["return_value"].get_extra_info("socket").dup())
 
-    def _request(self, method: str, path: str, slow_s: float = 0.0, **more: Any) -> "_Answer":
-        """Return the whole answer, of at most _MOST_BYTES, within _ANSWER_S + slow_s."""
+    def _request(self, method: str, path: str, slow_s: float = 0.0, missing: Sequence[int] = (), **more: Any) -> Any:
+        """Return what a whole answer has, of at most _MOST_BYTES, within _ANSWER_S + slow_s: JSON, text, None for
+        nothing or for a status in `missing`. Raises DeskError, NotTrusted."""
         more |= {"timeout": httpx.Timeout(_ANSWER_S, read=_ANSWER_S + slow_s), "extensions": {"trace": self._connected}}
         try:
             with _within(_ANSWER_S + slow_s, self._lines), self._client.stream(method, path, **more) as answer:
@@ -284,7 +271,7 @@ class Desk:
                     body = zlib.decompressobj(_GZIP).decompress(body, _MOST_BYTES + 1)
                     if len(body) > _MOST_BYTES:
                         raise httpx.DecodingError(_TOO_LONG)
-                return _Answer(answer.status_code, answer.reason_phrase, body)
+                status, reason = answer.status_code, answer.reason_phrase
         except (httpx.HTTPError, zlib.error) as error:
             _hang_up(self._lines)
             self._close_lines()
@@ -293,37 +280,24 @@ class Desk:
                 if isinstance(cause, ssl.SSLCertVerificationError):
                     raise self._trust.changed(self._address) from None
                 cause = cause.__cause__ or cause.__context__
-            reason = plain(str(error), 400) or type(error).__name__
-            raise DeskError(f"{self.called} does not answer: {reason}; is the box on, and the address right?") from None
-
-    def _content(self, answer: "_Answer") -> Any:
-        if 200 <= answer.status < 300:
-            return answer.value
-        if answer.status == 401:
+            why = plain(str(error), 400) or type(error).__name__
+            raise DeskError(f"{self.called} does not answer: {why}; is the box on, and the address right?") from None
+        try:
+            value = json.loads(body) if body else None
+        except (ValueError, RecursionError):
+            value = body.decode(errors="replace")
+        if 200 <= status < 300:
+            return value
+        if status in missing:
+            return None
+        if status == 401:
             raise DeskError(f"{self.called}: user or password is wrong, or missing", 401)
-        words = answer.value if isinstance(answer.value, dict) else {}
+        words = value if isinstance(value, dict) else {}
         details = [plain(str(one)) for one in words["details"][:8]] if isinstance(words.get("details"), list) else []
-        code, message = plain(str(words.get("code") or "")), str(words.get("message") or answer.reason)
+        code, message = plain(str(words.get("code") or "")), str(words.get("message") or reason)
         advice = [_ADVICE[one] for one in details if one in _ADVICE]
-        what = f"{', '.join(details) or code or answer.status}: {message}"
-        if answer.status == 423:
+        what = f"{', '.join(details) or code or status}: {message}"
+        if status == 423:
             advice.append("control has gone to another program, or the box was restarted: try again")
         text = plain(f"{self.called} refuses ({what})", 400)
-        raise DeskError(text + "".join(f"; {one}" for one in advice), answer.status, code)
-
-
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    """What a box has answered, whole."""
-
-    status: int
-    reason: str
-    body: bytes
-
-    @property
-    def value(self) -> Any:
-        """The JSON of the body; its text where it is none, None where it is empty."""
-        try:
-            return json.loads(self.body) if self.body else None
-        except (ValueError, RecursionError):
-            return self.body.decode(errors="replace")
+        raise DeskError(text + "".join(f"; {one}" for one in advice), status, code)

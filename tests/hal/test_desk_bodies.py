@@ -10,6 +10,7 @@ import tracemalloc
 from collections.abc import Callable
 from contextlib import closing, suppress
 
+import psutil
 import pytest
 
 from hal.desk import Desk, DeskError, Trust, client
@@ -46,8 +47,8 @@ BOMB = whole(gzip.compress(bytes(64 << 20)), b"Content-Encoding: gzip")
 
 
 @pytest.fixture
-def desk(tmp_path):
-    """A client of a server that does one thing with each connection."""
+def server(tmp_path):
+    """A server that does one thing with each connection, and the trust in it."""
     act: list[Callable[[socket.socket], None]] = []
     listener = socket.create_server(("127.0.0.1", 0))
     address = f"127.0.0.1:{listener.getsockname()[1]}"
@@ -67,6 +68,15 @@ def desk(tmp_path):
     trust = Trust(tmp_path)
     act.append(lambda line: None)
     trust.remember(address)
+    yield address, trust, act
+    listener.shutdown(socket.SHUT_RDWR)
+    listener.close()
+
+
+@pytest.fixture
+def desk(server):
+    """Return the error of a client of such a server."""
+    address, trust, act = server
 
     def ask(what: Callable[[socket.socket], None]) -> DeskError:
         act[:] = [what]
@@ -76,9 +86,18 @@ def desk(tmp_path):
         assert str(refused.value).isprintable()
         return refused.value
 
-    yield ask
-    listener.shutdown(socket.SHUT_RDWR)
-    listener.close()
+    return ask
+
+
+def test_a_box_that_hangs_up_after_each_answer_costs_one_socket(server):
+    address, trust, act = server
+    act[:] = [lambda line: line.sendall(whole(b"{}"))]
+    with closing(Desk(address, trust)) as box:
+        for _ in range(5):
+            assert box.state().status == "unknown"
+        port = int(address.partition(":")[2])
+        ours = [one for one in psutil.Process().net_connections("tcp4") if one.raddr and one.raddr[1] == port]
+        assert len(ours) <= 2  # httpx's, and the one to hang up on it
 
 
 @pytest.mark.parametrize("answer", [endless, lambda line: line.sendall(BOMB)])
