@@ -12,6 +12,7 @@ T = TypeVar("T")
 
 
 OURS = ("hal", "rtstack", "sim_robot", "console", "deploy")
+_NO_PACKAGE = {"__main__", *sys.stdlib_module_names}
 PLUG_INS_RAISE = (Exception, SystemExit)  # a module of another author may also call exit
 
 
@@ -19,7 +20,7 @@ def raised(error: BaseException) -> str:
     """Return in one line what was raised, in which file and line, and in which package, where that is not ours."""
     frames = list(traceback.walk_tb(error.__traceback__))
     packages = (str(frame.f_globals.get("__name__", "")).partition(".")[0] for frame, _ in frames)
-    where = [f"{name}, " for name in packages if name not in OURS and name not in sys.stdlib_module_names][:1]
+    where = [f"{name}, " for name in packages if name not in OURS and name not in _NO_PACKAGE][:1]
     where += [f"{Path(frame.f_code.co_filename).name}:{line}" for frame, line in frames[-1:]]
     text = " ".join(f"{type(error).__name__}: {error}".split())
     return f"{text} ({''.join(where)})" if where else text

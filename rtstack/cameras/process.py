@@ -65,7 +65,7 @@ def main() -> int:
         pictures.fail(" ".join(str(error).split()))
         return 1
     except PLUG_INS_RAISE as error:
-        pictures.fail(f"{described.kind}: {raised(error)}")
+        pictures.fail(f"camera {job['name']}: {raised(error)}", raised=True)
         return 1
     return 0
 

@@ -38,7 +38,8 @@ class Cameras:
                 raise
             self._rings.append(ring)
             logged.append(LoggedCamera(
-                name, ring.name, camera.width, camera.height, camera.K, camera.D, camera.pose, camera.format == "h264"
+                name, ring.name, camera.width, camera.height, camera.K, camera.distortion,
+                camera.pose, camera.format == "h264",
             ))  # fmt: skip
             job = {
                 "name": name, "camera": asdict(camera), "pictures": ring.name, "rings": rings.name,
@@ -59,6 +60,11 @@ class Cameras:
     def newest(self) -> NewestPictures:
         """Return what they show, for who looks on in this process."""
         return NewestPictures(self.rings, self._periods_ns)
+
+    @property
+    def raised(self) -> str:
+        """What the program of a camera has raised, "" while none has."""
+        return next((ring.raised for ring in self._rings if ring.raised), "")
 
     def wait_ready(self) -> None:
         """Wait until each camera is open or has failed, before an arm moves; one that takes too long is left behind."""

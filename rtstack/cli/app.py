@@ -129,7 +129,7 @@ def _explain(error: Exception) -> int:
     from hal.base.configuration import ConfigurationError
     from hal.base.extras import advice
     from hal.errors import HardwareError
-    from hal.extensions import ExtensionError
+    from hal.extensions import ExtensionError, raised
     from rtstack.log.errors import LogError
     from rtstack.messages import problem
     from rtstack.trials.errors import TrialError
@@ -152,9 +152,7 @@ def _explain(error: Exception) -> int:
         )
     if os.environ.get("RTSTACK_TRACEBACK"):
         raise error
-    return _say(
-        f"internal error: {type(error).__name__}: {error}; set RTSTACK_TRACEBACK=1 to see where, and report it", FAILED
-    )
+    return _say(f"internal error: {raised(error)}; set RTSTACK_TRACEBACK=1 to see where, and report it", FAILED)
 
 
 def _say(message: str, status: int) -> int:

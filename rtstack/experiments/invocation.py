@@ -10,6 +10,7 @@ from typing import Any
 
 from distributed import Client
 
+from hal.extensions import PLUG_INS_RAISE, raised
 from rtstack.experiments import attempts
 from rtstack.experiments.cell.host import CellHost
 from rtstack.experiments.cell.runner import CellRunner
@@ -101,8 +102,8 @@ class Preliminary:
         try:
             report = self._experiment.report(Results(rows, self._store.out, preliminary=True))
             write_preliminary(report, self._experiment, self._store)
-        except Exception as error:  # of a kind's report: the results matter more than a picture of them
-            print(f"rtstack: no figures meanwhile: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+        except PLUG_INS_RAISE as error:  # of a kind's report: the results matter more than a picture of them
+            print(f"rtstack: no figures meanwhile: {raised(error)}", file=sys.stderr, flush=True)
             self._due_s = float("inf")
             return
         ended_s = time.monotonic()

@@ -105,7 +105,7 @@ class TrialLog(RunLog):
     ) -> None:
         super().__init__(path, cameras)
         self.rings, self.times = rings, rings.times
-        self._trouble, self._hangs, self._gone = "", False, False
+        self._trouble, self._raised, self._hangs, self._gone = "", "", False, False
         self._process = process
         self._lockstep = lockstep
 
@@ -117,9 +117,14 @@ class TrialLog(RunLog):
         self._process.wait_ready()
         if self.cameras is not None:
             self.cameras.wait_ready()
+            if raised := self.cameras.raised:
+                raise LogError(raised)
 
     def trip(self) -> WatchdogTrip | None:
-        """See RunLog: the log process has said that it failed, or `wait_for_room` has found that it is gone."""
+        """See RunLog: the log process has said that it failed, or `wait_for_room` has found that it is gone, or that
+        the program of a camera has raised."""
+        if self._raised:
+            return WatchdogTrip(End.CONTROLLER_EXCEPTION, self._raised)
         if not self._trouble and self.rings.state is LogState.FAILED:
             self._trouble = self.rings.error
         return WatchdogTrip(End.LOG_FAILED, self._trouble) if self._trouble else None
@@ -128,7 +133,7 @@ class TrialLog(RunLog):
         """Between two ticks: look whether the log process lives; a lockstep run lets it catch up. Never raises."""
         if self._trouble:
             return
-        self._trouble = self._process.trouble
+        self._trouble, self._raised = self._process.trouble, "" if self.cameras is None else self.cameras.raised
         room, capacity = self.rings.room(), self.rings.capacity
         if self._trouble:
             return

@@ -3,6 +3,7 @@
 import io
 import os
 import signal
+import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +19,13 @@ from rtstack.cameras.film import Device, Film
 from rtstack.cameras.newest import NewestPictures
 from rtstack.cameras.source import CameraRequest, draw_time
 from rtstack.cells import default_cell_file, open_cell
+from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.log.video import Encoder
 from rtstack.log.writing import pictures
 from rtstack.log.writing.mcap_writer import McapWriter
+from rtstack.loop.end import End
 from rtstack.model.cell_description import CameraDescription
 from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.policy import Chunk
@@ -143,6 +146,43 @@ def test_a_camera_that_cannot_be_opened_is_said_and_the_trial_goes_on(cell, demo
     assert result.success
     said = [event.text for event in log.events if event.name == "camera"]
     assert any("unknown camera 'moon'" in text for text in said), said
+
+
+RAISING = """
+class Blind:
+    def __init__(self, request):
+        if request.camera.address == "at once":
+            raise KeyError("lens")
+        self._arm = request.rings.reader("/left/arm")
+
+    def read(self):
+        if len(self._arm.drain()):
+            raise ValueError("no\\nlight")
+
+    def close(self):
+        pass
+"""
+
+
+def test_a_camera_whose_program_raises_ends_the_run_with_its_place(cell, demonstration, tmp_path, install, monkeypatch):
+    install("blind_camera", RAISING, "rtstack.cameras", blind="Blind")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "installed" / "blind_camera"))
+
+    def wait(log):
+        def progress(share):
+            end_s = time.monotonic() + 60.0
+            while share > 0.2 and not log.cameras.raised and time.monotonic() < end_s:
+                time.sleep(0.01)
+
+        return progress
+
+    blind = replace(DOWN, kind="blind")
+    with pytest.raises(LogError, match=r"^camera down: KeyError: 'lens' \(blind_camera, blind_camera\.py:5\)$"):
+        run(cell, demonstration, tmp_path / "once.mcap", {"down": replace(blind, address="at once")})
+    result, log = run(cell, demonstration, tmp_path / "log.mcap", {"down": blind}, wait)
+    said = f"{End.CONTROLLER_EXCEPTION}: camera down: ValueError: no light (blind_camera, blind_camera.py:10)"
+    assert result.failure_reason == said
+    assert log.metadata["fault"]["end"] == str(End.CONTROLLER_EXCEPTION)
 
 
 def test_a_full_disk_ends_the_pictures_and_is_said(tmp_path, monkeypatch):

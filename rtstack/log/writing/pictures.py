@@ -31,7 +31,7 @@ RESERVE_BYTES = 256 * 1024 * 1024  # of the disk: below it there are no more pic
 
 _POLL_S = 0.005
 _SLOT = np.dtype([("sequence", "i8"), ("t_ns", "i8"), ("size", "i8"), ("data", "u1", LARGEST_BYTES)])
-_HEAD = np.dtype([("written", "i8"), ("read", "i8"), ("ready", "i8"), ("error", "S200")])
+_HEAD = np.dtype([("written", "i8"), ("read", "i8"), ("ready", "i8"), ("raised", "i8"), ("error", "S800")])
 
 
 class PictureRing:
@@ -72,9 +72,14 @@ class PictureRing:
         """Say that the camera is open."""
         self._head["ready"][0] = 1
 
-    def fail(self, reason: str) -> None:
-        """Say why there are no more pictures."""
-        self._head["error"][0] = reason.encode("utf-8")[:200]
+    @property
+    def raised(self) -> str:
+        """What the camera's program has raised, which ends the run, empty while it has not."""
+        return self.error if self._head["raised"][0] else ""
+
+    def fail(self, reason: str, raised: bool = False) -> None:
+        """Say why there are no more pictures. raised: by a mistake of the camera's program."""
+        self._head["error"][0], self._head["raised"][0] = reason.encode("utf-8"), raised
 
     def write(self, t_ns: int, picture: bytes) -> None:
         """Add a picture at the log's time t_ns, once there is room, or in the place of the oldest one. One that is too
