@@ -114,21 +114,12 @@ def quaternions_of(R: Array, before: Array = _NONE) -> Array:
     diagonal = np.diagonal(R, axis1=1, axis2=2)
     trace = diagonal.sum(axis=1)
     largest = np.argmax(np.column_stack([trace, diagonal]), axis=1)
-    q = np.empty((len(R), 4))
-    for formula in set(largest.tolist()):
-        rows = largest == formula
-        r = R[rows]
-        if formula == 0:
-            terms = [1.0 + trace[rows], r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
-            q[rows] = np.stack(terms, axis=1)
-            continue
-        i, j, k = ((0, 1, 2), (1, 2, 0), (2, 0, 1))[formula - 1]
-        chosen = np.empty((len(r), 4))
-        chosen[:, 0] = r[:, k, j] - r[:, j, k]
-        chosen[:, 1 + i] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, k, k]
-        chosen[:, 1 + j] = r[:, j, i] + r[:, i, j]
-        chosen[:, 1 + k] = r[:, k, i] + r[:, i, k]
-        q[rows] = chosen
+    formulas = np.empty((len(R), 4, 4))
+    formulas[:, 0, 0], formulas[:, 1:, 1:] = 1.0 + trace, R + R.transpose(0, 2, 1)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        formulas[:, 0, 1 + i] = formulas[:, 1 + i, 0] = R[:, k, j] - R[:, j, k]
+        formulas[:, 1 + i, 1 + i] = 1.0 + R[:, i, i] - R[:, j, j] - R[:, k, k]
+    q = formulas[np.arange(len(R)), largest]
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     turned = np.einsum("ij,ij->i", q, np.vstack([before, q])[:-1]) < 0.0
     return q * np.cumprod(np.where(turned, -1.0, 1.0))[:, None]

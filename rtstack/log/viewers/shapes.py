@@ -6,6 +6,7 @@ late; only the arrows are new at each instant.
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from foxglove import messages as fox
@@ -21,6 +22,11 @@ LEAST_N = 1.0  # less is the estimate's noise, and no arrow
 POINTS = 24  # of a force's line, for viewers without arrows
 _ARROW = {"shaft_diameter": 0.012, "head_length": 0.03, "head_diameter": 0.03}  # m
 _FORCE_COLOURS = {"left": (0.85, 0.20, 0.20), "right": (0.20, 0.35, 0.90)}
+# kind of a Shape -> what an entity calls those, the message, what it has besides
+_SOLIDS: dict[str, tuple[str, Any, dict[str, float]]] = {
+    "box": ("cubes", fox.CubePrimitive, {}), "sphere": ("spheres", fox.SpherePrimitive, {}),
+    "cylinder": ("cylinders", fox.CylinderPrimitive, {"bottom_scale": 1.0, "top_scale": 1.0}),
+}  # fmt: skip
 _POINT = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
@@ -44,25 +50,21 @@ class Solids:
 
     def _entities(self, now: fox.Timestamp) -> list[fox.SceneEntity]:
         return [
-            fox.SceneEntity(
-                timestamp=now, frame_id=link, id=link, frame_locked=True,
-                cubes=[
-                    fox.CubePrimitive(pose=_pose(s), size=vector(s.size), color=fox.Color(**_rgba(s)))
-                    for s in shapes if s.kind == "box"
-                ],
-                cylinders=[
-                    fox.CylinderPrimitive(
-                        pose=_pose(s), size=vector(s.size), bottom_scale=1.0, top_scale=1.0, color=fox.Color(**_rgba(s))
-                    )
-                    for s in shapes if s.kind == "cylinder"
-                ],
-                spheres=[
-                    fox.SpherePrimitive(pose=_pose(s), size=vector(s.size), color=fox.Color(**_rgba(s)))
-                    for s in shapes if s.kind == "sphere"
-                ],
-            )
+            fox.SceneEntity(timestamp=now, frame_id=link, id=link, frame_locked=True, **_primitives(shapes))
             for link, shapes in self._shapes.items()
-        ]  # fmt: skip
+        ]
+
+
+def _primitives(shapes: list[Shape]) -> dict[str, Any]:
+    found: dict[str, Any] = {name: [] for name, *_ in _SOLIDS.values()}
+    for s in (each for each in shapes if each.kind in _SOLIDS):
+        name, solid, more = _SOLIDS[s.kind]
+        place, colour = (
+            pose(s.position, from_rpy(np.array(s.rpy))),
+            fox.Color(**dict(zip("rgba", s.colour, strict=True))),
+        )
+        found[name].append(solid(pose=place, size=vector(s.size), color=colour, **more))
+    return found
 
 
 def force_messages(cell: CellFrames, instants: Instants) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
@@ -98,12 +100,10 @@ def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], ne
     w, turned = 1.0 + x, (0.0, -z, y)
     q = (w, *turned) if w > 1e-9 else (0.0, 0.0, 0.0, 1.0)
     norm = math.sqrt(sum(part * part for part in q))  # not by BLAS, whose last bit is the processor's
-    qw, qx, qy, qz = (part / norm for part in q)
-    px, py, pz = start.tolist()
-    pose = fox.Pose(position=fox.Vector3(x=px, y=py, z=pz), orientation=fox.Quaternion(x=qx, y=qy, z=qz, w=qw))
+    turn = pose(start, [part / norm for part in q])
     red, green, blue = _FORCE_COLOURS[side]
     length = max(0.0, M_PER_N * newton - _ARROW["head_length"])
-    return fox.ArrowPrimitive(pose=pose, shaft_length=length, color=fox.Color(r=red, g=green, b=blue, a=1.0), **_ARROW)
+    return fox.ArrowPrimitive(pose=turn, shaft_length=length, color=fox.Color(r=red, g=green, b=blue, a=1.0), **_ARROW)
 
 
 def _line(side: str, start: NDArray[np.float64], force: NDArray[np.float64]) -> bytes:
@@ -125,22 +125,23 @@ def _cloud(now: fox.Timestamp, data: bytes) -> bytes:
         *(fox.PackedElementField(name=name, offset=4 * k, type=kinds.Float32) for k, name in enumerate("xyz")),
         *colour_fields(12),
     ]
-    pose = fox.Pose(position=fox.Vector3(x=0.0, y=0.0, z=0.0), orientation=fox.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
     return fox.PointCloud(
-        timestamp=now, frame_id=WORLD, pose=pose, point_stride=_POINT.itemsize, fields=fields, data=data
+        timestamp=now,
+        frame_id=WORLD,
+        pose=pose((0.0, 0.0, 0.0)),
+        point_stride=_POINT.itemsize,
+        fields=fields,
+        data=data,
     ).encode()
 
 
-def _pose(shape: Shape) -> fox.Pose:
-    w, x, y, z = from_rpy(np.array(shape.rpy)).tolist()
-    return fox.Pose(position=vector(shape.position), orientation=fox.Quaternion(x=x, y=y, z=z, w=w))
+def pose(position: Iterable[float], wxyz: Iterable[float] = (1.0, 0.0, 0.0, 0.0)) -> fox.Pose:
+    """Return a place (3,), m, and a quaternion (4,) as Foxglove has them."""
+    w, x, y, z = map(float, wxyz)
+    return fox.Pose(position=vector(position), orientation=fox.Quaternion(x=x, y=y, z=z, w=w))
 
 
 def vector(values: Iterable[float]) -> fox.Vector3:
     """Return three numbers as Foxglove has them."""
     x, y, z = map(float, values)
     return fox.Vector3(x=x, y=y, z=z)
-
-
-def _rgba(shape: Shape) -> dict[str, float]:
-    return dict(zip("rgba", shape.colour, strict=True))

@@ -6,10 +6,11 @@ from typing import Any
 
 import foxglove
 import numpy as np
-from foxglove.messages import Log, LogLevel, Pose, PoseInFrame, Quaternion, Vector3
+from foxglove.messages import Log, LogLevel, PoseInFrame
 from numpy.typing import NDArray
 
 from rtstack.log.viewers.instants import stamp
+from rtstack.log.viewers.shapes import pose
 from rtstack.samples import Level
 
 _LEVELS: dict[int, LogLevel] = {level: getattr(LogLevel, level.name.capitalize()) for level in Level}
@@ -26,10 +27,8 @@ class StandardMessage:
 
 
 def _encode_pose(sample: np.void, frame: str) -> bytes:
-    x, y, z = sample["position"].tolist()
-    qw, qx, qy, qz = sample["orientation_wxyz"].tolist()
-    pose = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-    return PoseInFrame(timestamp=stamp(int(sample["t_ns"])), frame_id=frame, pose=pose).encode()
+    at = pose(sample["position"], sample["orientation_wxyz"])
+    return PoseInFrame(timestamp=stamp(int(sample["t_ns"])), frame_id=frame, pose=at).encode()
 
 
 def _fill_pose(sample: NDArray[Any], message: Any) -> None:

@@ -7,13 +7,13 @@ once, since the grids move with their frames.
 from functools import lru_cache
 
 import numpy as np
-from foxglove.messages import Pose, Quaternion, VoxelGrid
+from foxglove.messages import Pose, VoxelGrid
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
 from rtstack.log.viewers.frames import TABLE, from_rpy, rotation_of
 from rtstack.log.viewers.instants import OBJECT, stamp
-from rtstack.log.viewers.shapes import colour_fields, vector
+from rtstack.log.viewers.shapes import colour_fields, pose, vector
 from rtstack.log.viewers.solids import Shape
 from rtstack.samples import SIDES
 
@@ -38,14 +38,14 @@ def _grid(body: str, solids: tuple[Shape, ...], t_ns: int) -> bytes:
     if len(solids) == 1 and solids[0].kind == "box":
         (box,) = solids
         # exact: a single voxel
-        pose, size, filled = _placed(box), np.array(box.size), np.ones((1, 1, 1), bool)
+        where, size, filled = _placed(box), np.array(box.size), np.ones((1, 1, 1), bool)
     else:
-        pose, size, filled = _filled(solids)
+        where, size, filled = _filled(solids)
     rows = filled.shape  # slices along z, rows along y, columns along x
     data = np.zeros((*rows, 4), np.uint8)  # nothing: fully transparent
     data[filled] = [round(255 * part) for part in solids[0].colour]
     return VoxelGrid(
-        timestamp=stamp(t_ns), frame_id=body, pose=pose, row_count=rows[1], column_count=rows[2],
+        timestamp=stamp(t_ns), frame_id=body, pose=where, row_count=rows[1], column_count=rows[2],
         cell_size=vector(size), slice_stride=4 * rows[1] * rows[2], row_stride=4 * rows[2], cell_stride=4,
         fields=colour_fields(0), data=data.tobytes(),
     ).encode()  # fmt: skip
@@ -55,8 +55,7 @@ def _placed(box: Shape) -> Pose:
     """Pose of a box's lowest corner, from which a grid counts."""
     wxyz = from_rpy(np.array(box.rpy))
     corner = np.array(box.position) - 0.5 * rotation_of(wxyz) @ np.array(box.size)
-    w, x, y, z = wxyz.tolist()
-    return Pose(position=vector(corner), orientation=Quaternion(x=x, y=y, z=z, w=w))
+    return pose(corner, wxyz)
 
 
 def _filled(solids: tuple[Shape, ...]) -> tuple[Pose, Array, NDArray[np.bool_]]:
@@ -80,5 +79,4 @@ def _filled(solids: tuple[Shape, ...]) -> tuple[Pose, Array, NDArray[np.bool_]]:
             filled |= (np.hypot(p[..., 0], p[..., 1]) <= 1.0) & (np.abs(p[..., 2]) <= 1.0)
         else:
             filled |= np.linalg.norm(p, axis=-1) <= 1.0
-    upright = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    return Pose(position=vector(low), orientation=upright), size, filled
+    return pose(low), size, filled
