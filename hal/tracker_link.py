@@ -98,13 +98,9 @@ class TrackerLink:
     """An ObjectTracker that listens at a loopback or network address. `address` is where to send."""
 
     def __init__(
-        self,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        frames: TrackerFrames | None = None,
-        times: TrackerTimes | None = None,
-        robot_clock: ClockRelation | None = None,
-    ) -> None:
+        self, host: str = "127.0.0.1", port: int = 0, frames: TrackerFrames | None = None,
+        times: TrackerTimes | None = None, robot_clock: ClockRelation | None = None,
+    ) -> None:  # fmt: skip
         """Listen; port 0 takes a free one. robot_clock: see hal.tracker.TrackerRequest; None: the datagrams have the
         robot's time, and none of them is too old. Raises OSError."""
         self._frames, self._times, self._robot = frames or TrackerFrames(), times or TrackerTimes(), robot_clock

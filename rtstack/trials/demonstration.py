@@ -48,15 +48,10 @@ def prepare_demonstration(
 
 
 def run_demonstration(
-    specification: DemonstrationSpecification,
-    description: CellDescription,
-    cell: Cell,
-    context: RunContext = NO_CONTEXT,
-    *,
-    parameters: Parameters | None = None,
-    script: Grab | None = None,
+    specification: DemonstrationSpecification, description: CellDescription, cell: Cell,
+    context: RunContext = NO_CONTEXT, *, parameters: Parameters | None = None, script: Grab | None = None,
     way: StartMotion | None = None,
-) -> DemonstrationResult:
+) -> DemonstrationResult:  # fmt: skip
     """Run a scripted demonstration on an open cell. Closes the log, not the cell.
 
     script: in the place of the specification's variation. way: the motion to home, carried out before the first tick.

@@ -53,14 +53,9 @@ class PreparedMotion(PreparedRun[MotionResult]):
 
 
 def run_motion(
-    plan: SessionPlan,
-    description: CellDescription,
-    parameters: Parameters,
-    cell: Cell,
-    context: RunContext = NO_CONTEXT,
-    *,
-    way: StartMotion | None = None,
-) -> tuple[str | None, Columns]:
+    plan: SessionPlan, description: CellDescription, parameters: Parameters, cell: Cell,
+    context: RunContext = NO_CONTEXT, *, way: StartMotion | None = None,
+) -> tuple[str | None, Columns]:  # fmt: skip
     """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell.
 
     Returns why it failed, None for a success, and the samples.

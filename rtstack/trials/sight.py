@@ -24,10 +24,8 @@ _MISTAKES = (
     ('it streams y up: write up = "y" under [tracker], or have it stream z up', _Y_UP),
     ('it streams z up: write up = "z" under [tracker], or have it stream y up', _Y_UP.T),
     ("its x and y are exchanged", np.eye(3)[[1, 0, 2]]),
-    *(
-        (f"its {axis} is mirrored: its frame is left-handed", np.diag(1.0 - 2.0 * np.eye(3)[k]))
-        for k, axis in enumerate("xyz")
-    ),
+    *((f"its {axis} is mirrored: its frame is left-handed", np.diag(1.0 - 2.0 * np.eye(3)[k]))
+      for k, axis in enumerate("xyz")),
 )  # fmt: skip
 
 
@@ -72,17 +70,17 @@ def trouble_of(cell: Cell, description: CellDescription, object_name: str) -> st
             poses.add(pose.position.tobytes() + pose.orientation_wxyz.tobytes())
         if len(times) > _ENOUGH and (of_robot or len(poses) > 1):
             return ""
-    trouble = getattr(cell.tracker, "trouble", None)
-    said = trouble(about) if trouble is not None and (len(times) < _FEW or not about) else ""
-    if about and not said:
-        if not times:
-            said = f"shows no fresh pose of {object_name}: start it, and look at its body, its markers and the firewall"
-        elif len(times) == 1:
-            said = (
-                f"has shown no new pose of {object_name} for {LONGEST_LOOK_S:g} s: its stream or its times stand still"
-            )
-        elif len(poses) == 1 and len(times) >= _FEW and not of_robot:
-            said = f"shows the same pose to the last bit in {len(times)} frames: it is frozen, start it again"
+    said = ""
+    if len(times) < _FEW or not about:
+        said = getattr(cell.tracker, "trouble", lambda _about: "")(about)
+    if not about or said:
+        pass
+    elif not times:
+        said = f"shows no fresh pose of {object_name}: start it, and look at its body, its markers and the firewall"
+    elif len(times) == 1:
+        said = f"has shown no new pose of {object_name} for {LONGEST_LOOK_S:g} s: its stream or its times stand still"
+    elif len(poses) == 1 and len(times) >= _FEW and not of_robot:
+        said = f"shows the same pose to the last bit in {len(times)} frames: it is frozen, start it again"
     return f"the tracker {tracker.kind} at {tracker.address} {said}" if said else ""
 
 

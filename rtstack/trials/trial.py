@@ -157,13 +157,9 @@ def _impact_window_s(reference: ExtendedReference) -> tuple[float, float]:
 
 
 def run_trial(
-    prepared: PreparedTrial,
-    cell: Cell,
-    context: RunContext = NO_CONTEXT,
-    *,
-    way: StartMotion | None = None,
+    prepared: PreparedTrial, cell: Cell, context: RunContext = NO_CONTEXT, *, way: StartMotion | None = None,
     criterion: SuccessCriterion | None = None,
-) -> TrialResult:
+) -> TrialResult:  # fmt: skip
     """Run a prepared trial on an open cell. The caller closes the cell; the context's log is closed here.
 
     way: the motion to the start of the reference, carried out before its first tick.
