@@ -140,8 +140,12 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
 
     Raises ConfigurationError with one line.
     """
+    for loc, number in _numbers(document, ()):
+        if (isinstance(number, int) and number.bit_length() > 64) or not abs(number) < math.inf:
+            found = number if isinstance(number, float) else f"a number of {number.bit_length() * 0.301:.0f} digits"
+            place, key = place_of(source, text, loc), ".".join(map(str, loc))
+            raise ConfigurationError(one_line(f"{place}: key {key}: Input should be a finite number, found {found}"))
     try:
-        _check_numbers(document, ())
         # JSON has TOML's types, and no other way in which to write a number; a tuple carries the configuration to kind
         written = json.dumps([document], default=str)
         return _adapter(kind).validate_json(written, strict=True)[0]
@@ -153,14 +157,7 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
         found = f", found {shortened(repr(value))}" if isinstance(value, str | int | float) else ""
         hint = _comma(text, int(place.rpartition(":")[2])) if "items" in said and place != source else ""
         raise ConfigurationError(one_line(f"{place}: {key}{said}{found}{hint}")) from None
-    except _NotFinite as error:
-        *loc, value = error.args
-        key = ".".join(map(str, loc))
-        place = place_of(source, text, loc)
-        raise ConfigurationError(
-            one_line(f"{place}: key {key}: Input should be a finite number, found {value}")
-        ) from None
-    except (ValueError, RecursionError) as error:  # an integer of thousands of digits cannot be written
+    except (ValueError, RecursionError) as error:
         raise ConfigurationError(one_line(f"{source}: {error}")) from None
 
 
@@ -170,19 +167,13 @@ def _adapter(kind: type[Any]) -> TypeAdapter[tuple[Any]]:
     return TypeAdapter(tuple[kind], config=_PLAIN)  # pyright: ignore[reportInvalidTypeForm]
 
 
-class _NotFinite(ValueError):
-    """The names of a key, and its value."""
-
-
-def _check_numbers(value: Any, key: tuple[str | int, ...]) -> None:
-    """Raise _NotFinite for a number of a document that is infinite, NaN, or too large for a float."""
+def _numbers(value: Any, key: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], float | int]]:
+    """Yield the numbers of a document, with their keys."""
     if isinstance(value, dict | list):
         for name, each in value.items() if isinstance(value, dict) else enumerate(value):
-            _check_numbers(each, (*key, name))
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise _NotFinite(*key, value)
-    elif isinstance(value, int) and value.bit_length() > 64:
-        raise _NotFinite(*key, f"a number of {value.bit_length() * 0.301:.0f} digits")
+            yield from _numbers(each, (*key, name))
+    elif isinstance(value, float | int):
+        yield key, value
 
 
 def shortened(text: str) -> str:
