@@ -5,8 +5,8 @@ A topic that is added here, or that an installed package offers, is in all of th
 
 from collections.abc import Iterable, Sequence
 
+from hal.base.record import MATRIX, POSITION, TWIST, WRENCH, Field
 from hal.base.record import POSE as POSE_AXES
-from hal.base.record import Field
 from hal.cycle import CYCLE_FIELDS, WORK_FIELDS
 from hal.extensions import ExtensionPoint
 from hal.topic import Message, Topic
@@ -122,3 +122,15 @@ HOST_CLOCK_FIELDS: dict[str, tuple[str, ...]] = {
     for name, topic in TOPICS.items()
     if (clocked := tuple(field.name for field in topic.message.fields if field.host_clock))
 }
+_SYMBOLS = {"us": "µs", "rad/s^2": "rad/s²"}  # units of the table, which is ASCII, as a page shows them
+_MIXED = {"force_norm": "N, Nm"}  # (33) adds both; its text in the log's schema does not say so
+
+
+def unit_of(field: Field, component: str) -> str:
+    """Return the unit of one component: of a wrench N or Nm, of a twist m/s or rad/s, of a rotation none."""
+    unit = _MIXED.get(field.name, field.unit)
+    if field.axes in (WRENCH, TWIST):
+        unit = unit.split(", ")[field.axes.index(component) // 3]
+    elif field.axes in (POSE_AXES, MATRIX) and component not in POSITION:
+        unit = ""
+    return _SYMBOLS.get(unit, unit)

@@ -19,7 +19,7 @@ from rtstack.log.video import KEY_NS, Decoder
 from rtstack.log.viewers.scenery import scenery_schemas
 from rtstack.log.writing.job import Attachment
 from rtstack.samples import SIDES, Level
-from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
+from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS, unit_of
 
 _NS = 1e-9
 _AT_ONCE = 16  # chunks that are decoded as one
@@ -123,7 +123,6 @@ class Log:
             import pandas  # pyright: ignore[reportMissingImports]  # optional
         except ImportError:
             raise LogError("tables are made by pandas: pip install pandas; `topic` has the same records") from None
-        from rtstack.log.analysis.signals import unit_of  # which reads logs itself
 
         records = self.topic(topic)
         columns: dict[str, NDArray[Any]] = {"t_ns": records["t_ns"]}

@@ -13,15 +13,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.base.record import MATRIX, POSE, POSITION, TWIST, WRENCH, Field
 from rtstack.log.analysis.derived import DERIVED_TOPICS
 from rtstack.log.errors import LogError
 from rtstack.samples import SIDES
-from rtstack.topics import PLOTTED_TOPICS, TOPICS
+from rtstack.topics import PLOTTED_TOPICS, TOPICS, unit_of
 
 CURVES = DERIVED_TOPICS | {name: TOPICS[name] for name in PLOTTED_TOPICS}
-_SYMBOLS = {"us": "µs", "rad/s^2": "rad/s²"}  # units of the table, which is ASCII, as a page shows them
-_MIXED = {"force_norm": "N, Nm"}  # (33) adds both; its text in the log's schema does not say so
 _OF_BOTH = ("force_norm", "pair_verdict", "pair_reason", "pair_margin")  # recorded with each arm
 DEFAULT = ("left.pad_force", "right.pad_force", "left.force_norm", "left.pad_velocity.vy", "right.pad_velocity.vy")
 
@@ -61,16 +58,6 @@ def topic_signals(topic: str) -> tuple[Signal, ...]:
                 f"{group}.{field.reference}{end}" if field.reference else "",
             ))  # fmt: skip
     return tuple(signals)
-
-
-def unit_of(field: Field, component: str) -> str:
-    """Return the unit of one component: of a wrench N or Nm, of a twist m/s or rad/s, of a rotation none."""
-    unit = _MIXED.get(field.name, field.unit)
-    if field.axes in (WRENCH, TWIST):
-        unit = unit.split(", ")[field.axes.index(component) // 3]
-    elif field.axes in (POSE, MATRIX) and component not in POSITION:
-        unit = ""
-    return _SYMBOLS.get(unit, unit)
 
 
 @cache
