@@ -35,7 +35,7 @@ def write_short(tmp_path: Path):
                 records[topic] = np.zeros(60, TOPICS[topic].record)
                 records[topic]["t_ns"] = MS * np.arange(1, 61)
                 # one value that only this log has: a copy is another test
-                records[topic][TOPICS[topic].record.names[1]].reshape(60, -1)[0, 0] = hash(name) % 10_000
+                records[topic][TOPICS[topic].message.fields[0].name].reshape(60, -1)[0, 0] = hash(name) % 10_000
         for side in ("left", "right"):
             records.setdefault(f"/{side}/control", np.zeros(60, TOPICS[f"/{side}/control"].record))
             records[f"/{side}/control"]["pose_ref"][:, 3:] = [1, 0, 0, 0] if poses is None else poses

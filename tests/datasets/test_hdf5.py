@@ -4,6 +4,7 @@ import io
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -21,6 +22,11 @@ from rtstack.topics import TOPICS
 from tests.support.log.samples import CELL, MS, RESULT, WrittenLog
 from tests.support.log.seen import write_seen_log
 from tests.support.quaternions import changes_of_sign, columns_of_one_sign, of_one_sign
+
+
+def _zarr(path: Path) -> Any:
+    """Return a Zarr group, whose content has no types."""
+    return zarr.open_group(str(path), mode="r")
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +90,7 @@ def test_all_frames_of_all_episodes_are_there_bit_for_bit(logs: tuple[WrittenLog
     paths, out = [log.path for log in logs], tmp_path / "data.zarr"
     assert export(paths, out, Zarr()).episodes == 2
     assert list(tmp_path.iterdir()) == [out]
-    root = zarr.open_group(str(out), mode="r")
+    root = _zarr(out)
     episodes = [frames_of(read_episode(path, digest_of(path)), 50) for path in paths]
     counts = [len(each["action"].values) for each in episodes]
     assert root["meta/episode_ends"][:].tolist() == np.cumsum(counts).tolist()
@@ -102,7 +108,7 @@ def test_all_frames_of_all_episodes_are_there_bit_for_bit(logs: tuple[WrittenLog
 def test_pictures_are_arrays(logs, tmp_path: Path) -> None:
     _, shown = write_seen_log(logs[0].path, tmp_path / "seen.mcap", count=3)
     export([tmp_path / "seen.mcap"], tmp_path / "data.zarr", Zarr())
-    data = zarr.open_group(str(tmp_path / "data.zarr"), mode="r")["data"]
+    data = _zarr(tmp_path / "data.zarr")["data"]
     times = data["timing.picture_t_ns.front"][:]
     jpeg = dict(shown)
     for k in (0, len(times) - 1):
@@ -128,7 +134,7 @@ def test_the_time_is_that_of_the_log_and_never_that_of_its_name(zone, write_shor
     assert [each["recording_timestamp"] for each in groups.values()] == ["2026-11-26T23:00:00Z", "none"]
     assert [each["recorded_utc"] for each in groups.values()] == ["2026-11-26T23:00:00.250000Z", "none"]
     assert [each["utc_uncertainty_s"] for each in groups.values()] == ["0.001", "none"]
-    root = zarr.open_group(str(tmp_path / "data.zarr"), mode="r")
+    root = _zarr(tmp_path / "data.zarr")
     step_ns = 20 * MS
     begin_ns = 1795734000250000000 + 19 * MS
     assert root["data"]["timing.utc_ns"][:].tolist() == [-1] * 3 + [begin_ns + k * step_ns for k in range(3)]
@@ -156,7 +162,7 @@ def test_rotations_keep_their_sign_also_where_w_is_nearly_zero(write_short, tmp_
                 np.testing.assert_array_equal(sensors[topic]["datalog"]["pose_ref"][:, 3:], wanted)
             np.testing.assert_array_equal(sensors["object_pose/datalog"]["orientation_wxyz"], wanted)
             assert wanted[0, 1] > 0.5  # both begin alike
-    data = zarr.open_group(str(tmp_path / "data.zarr"), mode="r")["data"]
+    data = _zarr(tmp_path / "data.zarr")["data"]
     for k, wanted in enumerate(signs):
         rows = slice(6 * k, 6 * k + 6)
         np.testing.assert_array_equal(data["observation.environment_state"][rows][:, 3:7], wanted[9::10])
