@@ -4,6 +4,7 @@ import ctypes
 import gc
 import os
 import platform
+import signal
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from functools import lru_cache
 PRIORITY = 70
 _BESIDE = 60  # other threads of a process with such a thread
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
+_PR_SET_PDEATHSIG = 1
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # bits/mman-linux.h
 ANY_CPU = -1
 # an ordinary thread that asks for slices this short is let run before others when it wakes (Linux 6.12 and newer,
@@ -39,6 +41,12 @@ class Obtained:
     def as_dict(self) -> dict[str, str]:
         """Return the fields as text, for the log's metadata."""
         return {name: str(value) for name, value in asdict(self).items()}
+
+
+def end_with_parent() -> None:
+    """In a child: be sent SIGTERM when the parent ends, however it ends, and take it where the parent blocks it."""
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def robot_cpu() -> int:

@@ -155,8 +155,6 @@ class AprilTagTracker(TrackerProcess):
         """Start the process. Raises OSError, ValueError for a request without camera or tag, or without OpenCV."""
         if request.camera is None:
             raise ValueError("a tag is seen by a camera: [tracker.camera], see docs/howto/tracker.md")
-        if request.body is None:
-            raise ValueError("the number of the object's tag is missing: [tracker.bodies.OBJECT] id")
         try:
             detector(request.camera)
         except ImportError:

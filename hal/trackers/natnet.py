@@ -14,7 +14,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ import numpy as np
 from hal.tracker import TrackerRequest
 from hal.trackers.process import PoseSender, TrackerProcess, note, ready
 
-CONNECT, SERVER_INFO, FRAME_OF_DATA, KEEP_ALIVE = 0, 1, 7, 10
+CONNECT, KEEP_ALIVE, SERVER_INFO, FRAME_OF_DATA = 0, 10, b"\1\0", b"\7\0"
 DATA_PORT = 1511
 _MOST = 10_000  # of what a frame has of one kind
 _RIGID_BODY = struct.Struct("<i3f4ffh")  # id, position, quaternion xyzw, mean error, parameters
@@ -69,11 +69,6 @@ class _Reader:
             raise NatNetError("a name without an end")
         self._place = end + 1
 
-    def listed(self) -> Iterator[None]:
-        """Go through a list, entry by entry."""
-        for _ in range(self.begin()):
-            yield
-
     def begin(self) -> int:
         """Return how many entries follow."""
         number = self.count()
@@ -81,13 +76,19 @@ class _Reader:
             self.whole()
         return number
 
-    def skip_list(self) -> bool:
-        """Skip a list whose size stands in front, where it does; return whether it did."""
-        if not self.sized:
-            return False
-        self.count()
-        self.skip(self.whole())
-        return True
+    def skip_list(self, skip_entry: Callable[[], object]) -> None:
+        """Skip a list by the size in front, where it stands there, else entry by entry."""
+        number = self.count()
+        if self.sized:
+            self.skip(self.whole())
+            return
+        for _ in range(number):
+            skip_entry()
+
+    def skip_channels(self) -> None:
+        self.skip(4)
+        for _ in range(self.count()):
+            self.skip(4 * self.count())
 
 
 _INT, _DOUBLE = struct.Struct("<i"), struct.Struct("<d")
@@ -100,9 +101,7 @@ def version_in(message: bytes) -> tuple[int, int]:
         raise NatNetError("answers with what is no server information of NatNet: is Motive at this address?")
     major, minor = message[4 + name + 4 : 4 + name + 6]
     if not 3 <= major <= 4:
-        raise NatNetError(
-            f"speaks NatNet {major}.{minor}, and 3.0 to 4.x are read: use a Motive that speaks one of them"
-        )
+        raise NatNetError(f"speaks NatNet {major}.{minor}, and 3.0 to 4.x are read: use a Motive that speaks those")
     return major, minor
 
 
@@ -122,35 +121,23 @@ def frame_of(message: bytes, version: tuple[int, int]) -> Frame:
     reader = _Reader(message, version)
     reader.skip(4)  # message, size
     frame_number = reader.whole()
-    if not reader.skip_list():
-        for _ in reader.listed():  # marker sets
-            reader.text()
-            reader.skip(12 * reader.count())
-    if not reader.skip_list():
-        reader.skip(12 * reader.begin())  # markers without a name
+    reader.skip_list(lambda: (reader.text(), reader.skip(12 * reader.count())))  # marker sets
+    reader.skip_list(lambda: reader.skip(12))  # markers without a name
     bodies: dict[int, tuple[float, ...]] = {}
     numbers: set[int] = set()
-    for _ in reader.listed():
+    for _ in range(reader.begin()):
         number, *pose, _error, parameters = reader.take(_RIGID_BODY)
         if number in numbers:
             bodies.pop(number, None)
         elif parameters & _TRACKED:
             bodies[number] = tuple(pose)
         numbers.add(number)
-    if not reader.skip_list():
-        for _ in reader.listed():  # skeletons
-            reader.skip(4)
-            reader.skip(_RIGID_BODY.size * reader.count())
-    else:
-        reader.skip_list()  # assets, new in 4.1
-    if not reader.skip_list():
-        reader.skip(_LABELED_MARKER_BYTES * reader.begin())
+    reader.skip_list(lambda: (reader.skip(4), reader.skip(_RIGID_BODY.size * reader.count())))  # skeletons
+    if reader.sized:
+        reader.skip_list(lambda: None)  # assets, new in 4.1
+    reader.skip_list(lambda: reader.skip(_LABELED_MARKER_BYTES))
     for _ in range(2):  # force plates, devices
-        if not reader.skip_list():
-            for _ in reader.listed():
-                reader.skip(4)
-                for _ in range(reader.count()):
-                    reader.skip(4 * reader.count())
+        reader.skip_list(reader.skip_channels)
     reader.skip(8)  # time code
     (stamp,) = reader.take(_DOUBLE)
     return Frame(stamp, bodies, numbers, frame_number)
@@ -192,20 +179,10 @@ class _Client:
                     message, (host, _) = filled.recvfrom(65536)
                     if host == self._server[0]:  # a second Motive sends to the same group
                         self._heard_s = time.monotonic()
-                        self._try_to_take(message)
+                        self._take(message)
             if (found := self._finding()) != self._noted:
                 self._noted = found
                 note(found, body=found.startswith("shows"))
-
-    def _try_to_take(self, message: bytes) -> None:
-        try:
-            self._take(message)
-            self._wrong = ""
-        except NatNetError as error:
-            version = (
-                "" if self._version is None else f"sends messages of NatNet {'.'.join(map(str, self._version))} that "
-            )
-            self._wrong = f"{version}cannot be read: {error}" if version else str(error)
 
     def _finding(self) -> str:
         """Return what is wrong and what to do, "" for nothing; "shows" begins what is about the body alone."""
@@ -216,14 +193,11 @@ class _Client:
             return "does not answer: start Motive with streaming on, and look at address, network and firewall (UDP)"
         if now_s - self._framed_s > 2.0 * _GRACE_S:
             where = f"the group {self._multicast}" if self._multicast else "this host (unicast)"
-            return (
-                f"speaks NatNet {'.'.join(map(str, self._version))} and sends no frames to {where}: look at Motive's "
-                "streaming, at multicast under [tracker], and at the firewall (UDP)"
-            )
+            speaks = ".".join(map(str, self._version))
+            look = "look at Motive's streaming, at multicast under [tracker], and at the firewall (UDP)"
+            return f"speaks NatNet {speaks} and sends no frames to {where}: {look}"
         if self._still >= _STILL:
-            return (
-                f"sends frame {frame.number} at {frame.stamp_s:.3f} s again and again: Motive is paused, start it again"
-            )
+            return f"sends frame {frame.number} at {frame.stamp_s:.3f} s again and again: Motive is paused, continue it"
         if self._body not in frame.bodies:
             there = ", ".join(map(str, sorted(frame.numbers)[:20])) or "none"
             if self._body in frame.numbers:
@@ -241,18 +215,23 @@ class _Client:
             self._asking.sendto(struct.pack("<HH", message, len(text)) + text, self._server)
 
     def _take(self, message: bytes) -> None:
-        if len(message) < 4:
-            return
-        (kind,) = struct.unpack_from("<H", message)
-        if kind == SERVER_INFO:
-            self._version = version_in(message)
-        elif kind == FRAME_OF_DATA and self._version is not None:
+        """Take a message of the server, and keep what is wrong with it."""
+        kind, self._wrong = message[:2], ""
+        try:
+            if kind == SERVER_INFO:
+                self._version = version_in(message)
+            if kind != FRAME_OF_DATA or self._version is None:
+                return
             before, frame = self._frame, frame_of(message, self._version)
-            self._frame, self._framed_s, stamp_s = frame, time.monotonic(), frame.stamp_s
-            self._still = self._still + 1 if frame.number == before.number or stamp_s == before.stamp_s else 0
-            pose = frame.bodies.get(self._body)
-            if pose is not None and np.isfinite(stamp_s) and abs(stamp_s) < 1e9:
-                self._sender.send(round(1e9 * stamp_s), pose[:3], (pose[6], *pose[3:6]))
+        except NatNetError as error:
+            speaks = ".".join(map(str, self._version or ()))
+            self._wrong = f"sends messages of NatNet {speaks} that cannot be read: {error}" if speaks else str(error)
+            return
+        self._frame, self._framed_s, stamp_s = frame, time.monotonic(), frame.stamp_s
+        self._still = self._still + 1 if frame.number == before.number or stamp_s == before.stamp_s else 0
+        pose = frame.bodies.get(self._body)
+        if pose is not None and np.isfinite(stamp_s) and abs(stamp_s) < 1e9:
+            self._sender.send(round(1e9 * stamp_s), pose[:3], (pose[6], *pose[3:6]))
 
 
 class NatNetTracker(TrackerProcess):
@@ -261,8 +240,6 @@ class NatNetTracker(TrackerProcess):
     def __init__(self, request: TrackerRequest) -> None:
         """Start the process. Raises OSError, also where the host's name is not known; ValueError for a request without
         the body's number."""
-        if request.body is None:
-            raise ValueError("NatNet needs the number of the object's rigid body: [tracker.bodies.OBJECT] id")
         host = socket.gethostbyname(request.host)
         arguments = (host, str(request.port), str(request.body), request.multicast)
         super().__init__(request, "hal.trackers.natnet", *arguments)

@@ -1,7 +1,6 @@
 """A tracker's own process: it speaks with what sees the object, and passes poses on as our datagrams."""
 
 import contextlib
-import ctypes
 import errno
 import os
 import select
@@ -15,23 +14,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from hal.base.arrays import Array
+from hal.base.realtime import end_with_parent
 from hal.tracker import ObjectPose, TrackerRequest
 from hal.tracker_link import DATAGRAM, TrackerLink
 
 _END_S = 1.0  # to end by itself
 # until it has loaded what it needs, OpenCV above all: a trial that began before would be one that nothing sees
 _READY_S = 15.0
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_NOTE_BYTES = 400
 
 
 def ready() -> None:
     """In the process: say that it looks from now on, and end with who has started it."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal: who has started it ends it
     print(flush=True)
-
-
-_NOTE_BYTES = 400
 
 
 def note(text: str, body: bool = False) -> None:
@@ -64,10 +61,12 @@ class TrackerProcess:
     """A link, and the module of ours that feeds it: `python -m MODULE ARGUMENTS... HOST PORT` of the link, which calls
     `ready`. Returns then.
 
-    Raises OSError.
+    Raises OSError, ValueError for a request without the number of what is followed.
     """
 
     def __init__(self, request: TrackerRequest, module: str, *arguments: str) -> None:
+        if request.body is None:
+            raise ValueError("the number of the object's rigid body or tag is missing: [tracker.bodies.OBJECT] id")
         self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
         command = [sys.executable, "-m", module, *arguments, *map(str, self._link.address)]
         self._note = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115

@@ -1,10 +1,8 @@
 """The simulated robot in a process of its own, at loopback addresses of its own."""
 
 import contextlib
-import ctypes
 import itertools
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -12,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from math import degrees
 from pathlib import Path
 
-from hal.base.realtime import robot_cpu
+from hal.base.realtime import end_with_parent, robot_cpu
 from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.tracker import TrackerFrames
@@ -20,10 +18,8 @@ from hal.tracker_link import TrackerLink
 
 _FCI_PORT = 1337
 _SIDES = ("left", "right")
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _END_S = 5.0
 _pairs = itertools.count()
-_libc = ctypes.CDLL(None)
 
 
 class Simulator:
@@ -66,7 +62,7 @@ class Simulator:
             self._process = subprocess.Popen(
                 [*command, *pace, *more],
                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                start_new_session=True, preexec_fn=_end_with_parent,
+                start_new_session=True, preexec_fn=end_with_parent,
             )  # fmt: skip
             said = self._wait_until_it_serves()
             if said is None:
@@ -114,12 +110,6 @@ class Simulator:
         except ValueError:  # its pipe was closed before
             return
         self.report = rest.strip() or self.report
-
-
-def _end_with_parent() -> None:
-    """In the child: be sent SIGTERM when the parent ends, however it ends, and take it where the parent blocks it."""
-    signal.pthread_sigmask(signal.SIG_SETMASK, ())
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _free_pairs() -> Iterator[tuple[str, str]]:
