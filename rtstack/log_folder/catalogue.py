@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -48,11 +49,8 @@ class LogEntry:
 
 
 class Catalogue:
-    """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable.
-
-    No link brings a file of another folder in: what is listed is served to all viewers.
-    patience_s: how long to wait for another process that writes the cache.
-    """
+    """The logs (*.mcap) of one directory, cached in SQLite beside them where it is writable. A link to a file of
+    another folder is not listed. patience_s: how long to wait for another process that writes the cache."""
 
     def __init__(self, directory: Path, patience_s: float = 5.0) -> None:
         self.directory = Path(directory)
@@ -83,10 +81,8 @@ class Catalogue:
         raise LogError(f"there is no log {log_id}")
 
     def _is_ours(self, path: Path) -> bool:
-        """Whether it is a file of this folder, with a name that can be said: what is listed can be downloaded."""
-        try:
-            path.name.encode()
-        except UnicodeEncodeError:
+        """Whether it is a file of this folder with a name in UTF-8: what is listed can be downloaded."""
+        if os.fsencode(path.name).decode(errors="replace") != path.name:
             return False
         return path.is_file() and (not path.is_symlink() or path.resolve().is_relative_to(self.directory.resolve()))
 

@@ -47,8 +47,8 @@ def prune(pruning: Pruning) -> Iterator[LogEntry]:
     for entry in pruning.going:
         try:
             status = entry.path.stat()
-            unchanged = status.st_size == entry.size_bytes and status.st_mtime_ns * 1e-9 == entry.modified_s
-            if not unchanged or not may_go(entry.path):
+            known = status.st_size, status.st_mtime_ns * 1e-9
+            if known != (entry.size_bytes, entry.modified_s) or not may_go(entry.path):
                 continue
             beside = sidecars(entry.path)
             entry.path.unlink()

@@ -51,35 +51,32 @@ def load_remarks(log: Path) -> Remarks:
 
 def save_remarks(log: Path, remarks: Remarks) -> None:
     """Keep what is said about a log: whole, or not at all. Nothing to say is no file. Raises LogError."""
-    if not log.is_file():
-        raise LogError(f"{log}: there is no such log")
     said = {name: value for name, value in asdict(remarks).items() if value is not None}  # as versions before wrote it
     text = "" if remarks == Remarks() else json.dumps(said, indent=1, ensure_ascii=False)
-    keep_beside(log.with_name(log.name + SUFFIX), text, LogError)
+    _keep(log, SUFFIX, text)
 
 
 def mark_reviewed(log: Path, by: str) -> None:
     """Mark a log as reviewed. Raises LogError."""
+    _keep(log, REVIEWED, json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")}))
+
+
+def _keep(log: Path, suffix: str, text: str) -> None:
     if not log.is_file():
         raise LogError(f"{log}: there is no such log")
-    text = json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")})
-    keep_beside(log.with_name(log.name + REVIEWED), text, LogError)
+    keep_beside(log.with_name(log.name + suffix), text, LogError)
 
 
 def may_go(log: Path) -> bool:
-    """Whether a log was reviewed, has no star, and is no reference: an accepted recording stays, and so does what is
-    not clear."""
+    """True for a log that was reviewed, has no star, and is no accepted recording; False where that is not clear."""
     try:
         verdict, starred = load_acceptance(log).verdict, load_remarks(log).starred
     except (AcceptanceError, LogError):
         return False
-    if starred:
-        return False
     reviewed = log.with_name(log.name + REVIEWED).is_file() or verdict is AcceptanceState.REJECTED
-    return reviewed and verdict is not AcceptanceState.ACCEPTED
+    return reviewed and not starred and verdict is not AcceptanceState.ACCEPTED
 
 
 def sidecars(log: Path) -> list[Path]:
     """Return the files that stand beside a log and mean nothing without it."""
-    paths = [log.with_name(log.name + suffix) for suffix in SIDECARS]
-    return [path for path in paths if path.is_file()]
+    return [path for suffix in SIDECARS if (path := log.with_name(log.name + suffix)).is_file()]

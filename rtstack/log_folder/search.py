@@ -38,6 +38,7 @@ class Outcome(StrEnum):
     NONE = "none"
 
 
+_CAME_OUT = {True: Outcome.SUCCESS, False: Outcome.FAILURE, None: Outcome.NONE}
 DATE = "recorded_utc"  # the key of the time of day that a log has, UTC
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*"?)+')  # "two words" are one
 _DAY, _DAY_S = re.compile(r"\d{4}-\d\d-\d\d"), 86_400.0
@@ -68,12 +69,8 @@ class Facts:
     def of(cls, entry: LogEntry, row: LogRow) -> "Facts":
         """Return what is known of a log, by its entry and its row."""
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
-        pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6)]
-        pairs += [
-            *(asdict(row) | {"success": success_of(row)}).items(),
-            (DATE, entry.recorded),
-            *(("tag", tag) for tag in row.tags),
-        ]
+        pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6), (DATE, entry.recorded)]
+        pairs += [*(asdict(row) | {"success": success_of(row)}).items(), *(("tag", tag) for tag in row.tags)]
         for record in (entry.trial, entry.result):
             pairs += ((key, value) for key, value in (record or {}).items() if key != "success")
             nested = [value for value in values_of(record).values() if isinstance(value, dict)]
@@ -90,9 +87,7 @@ class Facts:
     def numbers(self) -> tuple[tuple[str, float], ...]:
         """Those of them that are numbers, also as text; truth values are none. The date is Unix time, s."""
         numbers = []
-        for key, value in self.pairs:
-            if isinstance(value, bool) or not isinstance(value, int | float | str):
-                continue
+        for key, value in self.pairs:  # the text of a truth value or of a list is no number
             with contextlib.suppress(ValueError):
                 numbers.append((key, _number(key, str(value))))
         return tuple(numbers)
@@ -197,27 +192,15 @@ def search(pairs: Sequence[tuple[LogEntry, LogRow]], query: str, outcome: Outcom
     known = [(row, Facts.of(entry, row) if conditions else Facts(())) for entry, row in pairs]
     for each in conditions:
         if each.is_range and known and each.key != "date" and not any(each.values(facts) for _, facts in known):
-            raise FilterRefused(
-                f"q: {each.word}: no log has a number {each.key}; try force, lift, shift, seed, size (MB)"
-            )
-    return [
-        row for row, facts in known
-        if _came_out(row, outcome) and all(each.lacking(facts) is None for each in conditions)
-    ]  # fmt: skip
-
-
-def _came_out(row: LogRow, outcome: Outcome) -> bool:
-    match outcome:
-        case Outcome.ANY:
-            return True
-        case Outcome.UNEXPECTED:
-            return row.verdict == "unexpected"
-        case _:
-            return outcome is {True: Outcome.SUCCESS, False: Outcome.FAILURE, None: Outcome.NONE}[row.success]
+            text = f"no log has a number {each.key}; try force, lift, shift, seed, size (MB)"
+            raise FilterRefused(f"q: {each.word}: {text}")
+    return [row for row, facts in known
+            if outcome in (Outcome.ANY, _CAME_OUT[row.success]) or outcome == row.verdict == Outcome.UNEXPECTED
+            if all(each.lacking(facts) is None for each in conditions)]  # fmt: skip
 
 
 def ordered(rows: Sequence[LogRow], key: SortKey, descending: bool) -> list[LogRow]:
     """Return rows in order; those that have no such value are last, either way."""
     having = [row for row in rows if getattr(row, key) is not None]
     without = [row for row in rows if getattr(row, key) is None]
-    return sorted(having, key=lambda row: getattr(row, key), reverse=descending) + without
+    return sorted(having, key=operator.attrgetter(key), reverse=descending) + without

@@ -47,10 +47,9 @@ def delete(log: Path) -> Trashed:
 def trashed(logs: Path) -> list[Trashed]:
     """Return what was deleted in a folder of logs, the newest first."""
     found = []
-    with contextlib.suppress(FileNotFoundError):
-        for folder in (logs / FOLDER).iterdir():
-            with contextlib.suppress(LogError, OSError):
-                found.append(_trashed(folder))
+    for folder in (logs / FOLDER).glob("*"):
+        with contextlib.suppress(LogError, OSError):
+            found.append(_trashed(folder))
     return sorted(found, key=lambda each: each.deleted_s, reverse=True)
 
 

@@ -1,7 +1,4 @@
-"""What a person thinks of a recording: its name, a note, whether it may be followed, and when its impact was.
-
-It stands beside the recording, in a small file of its own: a log that is finished is never written again.
-"""
+"""A person's verdict on a recording, in a small file beside it: a log that is finished is never written again."""
 
 import json
 from dataclasses import asdict

@@ -44,11 +44,8 @@ class Grab:
 def grab(
     variation: int, speed_m_s: float | None = None, squeeze_m: float | None = None, squeeze_s: float | None = None
 ) -> Grab:
-    """Return the demonstration of this number. The ranges are a person's: some ten per cent in speed and path.
-
-    speed_m_s: at the surface towards the object; squeeze_m: how far inside the surface the hands come to rest;
-    squeeze_s: from the surface to there. Each replaces what the number says.
-    """
+    """Return the demonstration of this number. speed_m_s: at the surface, towards the object; squeeze_m: how far inside
+    it the hands rest; squeeze_s: from the surface to there; each replaces what the number says."""
     given = {"speed_y": speed_m_s, "squeeze": squeeze_m, "squeeze_s": squeeze_s}
     rng = np.random.default_rng([variation, 0x6772])
     script = Grab()
@@ -75,9 +72,8 @@ def scripted_targets(
 ) -> NDArray:  # fmt: skip
     """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad.
 
-    On the way to the object the pads turn until their faces are parallel to its sides in the world, as a person who
-    looks at it holds them: at home they look where the bases, as they stand by now, have turned them. A pad that
-    meets a side at an angle of some degrees turns the object, which a trial does in another way each time.
+    On the way the pads turn until their faces are parallel to the object's sides in the world: a pad that meets a side
+    at an angle of some degrees turns the object, in another way in each trial.
     """
     from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
 
@@ -103,22 +99,16 @@ def scripted_targets(
         paths = (
             [ViaPoint(touch + script.lift_s, start[0]), ViaPoint(lower, start[0] + script.carry_x)],
             [
-                ViaPoint(script.rest_s, start[1]),
-                ViaPoint(steady, steady_y, inward * script.speed_y),
-                ViaPoint(touch, surface, inward * script.speed_y),
-                ViaPoint(touch + script.squeeze_s, inside),
-                ViaPoint(release, inside),
-                ViaPoint(end, surface - inward * script.retreat),
+                ViaPoint(script.rest_s, start[1]), ViaPoint(steady, steady_y, inward * script.speed_y),
+                ViaPoint(touch, surface, inward * script.speed_y), ViaPoint(touch + script.squeeze_s, inside),
+                ViaPoint(release, inside), ViaPoint(end, surface - inward * script.retreat),
             ],
             [
-                ViaPoint(steady - rise_s, start[2]),
-                ViaPoint(steady, steady_z, script.speed_z),
-                ViaPoint(touch, contact_z, script.speed_z),
-                ViaPoint(touch + script.lift_s, contact_z + script.lift),
-                ViaPoint(lower, contact_z + script.lift),
-                ViaPoint(release, contact_z),
+                ViaPoint(steady - rise_s, start[2]), ViaPoint(steady, steady_z, script.speed_z),
+                ViaPoint(touch, contact_z, script.speed_z), ViaPoint(touch + script.lift_s, contact_z + script.lift),
+                ViaPoint(lower, contact_z + script.lift), ViaPoint(release, contact_z),
             ],
-        )
+        )  # fmt: skip
         for axis, points in enumerate(paths):
             targets[arm]["position"][:, axis], targets[arm]["twist"][:, axis] = quintic_path(points, t)
         targets[arm]["rotation"] = rotation

@@ -1,9 +1,8 @@
 """The impact that a reference aims at, as the monitor wants it: when, in which configuration, and what is to follow.
 
-From a demonstration: its joints at the nominal impact, its joint velocities as the post-impact reference of (14),
-extended like (16) to the time before T_p, and what both pads together feel: the weight and inertia of the object. From
-a plan the same, with what was planned in place of what was measured: its joints are the path's, which leaves the impact
-with the velocities of the impact map, and its forces are those that move and carry the object.
+From a demonstration: joints at the nominal impact, joint velocities as the post-impact reference of (14), extended like
+(16) to the time before T_p, and the force of both pads: the weight and inertia of the object. From a plan: the planned
+joints, velocities (after the impact map) and forces.
 """
 
 import numpy as np

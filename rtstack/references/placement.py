@@ -68,12 +68,9 @@ def carried(
             turned = Rotation.from_rotvec([0.0, 0.0, grip.yaw]) * Rotation.from_rotvec(turn_to_object(rotation, -side))
             joint, room = _nearest_limit(model, home, _place(grip, side), turned.as_matrix() @ rotation)
             if room < ROOM_RAD:
-                x_mm, y_mm = 1e3 * grip.centre[:2]
-                side_name, yaw_deg = "left" if side > 0.0 else "right", np.degrees(grip.yaw)
-                raise ValueError(
-                    f"at x {x_mm:.0f}, y {y_mm:.0f} mm, turned by {yaw_deg:.0f} degrees, joint {joint + 1} of the "
-                    f"{side_name} arm would be at its limit"
-                )
+                (x_mm, y_mm), yaw_deg = 1e3 * grip.centre[:2], np.degrees(grip.yaw)
+                what = f"joint {joint + 1} of the {'left' if side > 0.0 else 'right'} arm would be at its limit"
+                raise ValueError(f"at x {x_mm:.0f}, y {y_mm:.0f} mm, turned by {yaw_deg:.0f} degrees, {what}")
     ways = [
         np.linalg.norm(position - _place(grip, side))
         for (position, _), side in zip(poses, sides, strict=True) for grip in (steps[0][1], steps[-1][1])

@@ -63,11 +63,8 @@ def check_sides(log: Log, sides: Sequence[str]) -> None:
 
 
 def grip_off_m(then: CellDescription | None, object_name: str, points: NDArray, held: NDArray[np.intp]) -> float:
-    """Return by how much both pads' faces were further apart than what they held is wide, m; 0 where that is not known.
-
-    It shows how both arms stand to each other, along the line between the pads, whatever a calibration says. points
-    (2, n) of POINT; held: of them, where both pads felt it.
-    """
+    """Return the distance between the pad faces minus the width of the held object, m, along the line between the pads;
+    0 if unknown. points (2, n) of POINT; held: of them, where both pads felt it."""
     thing = None if then is None else then.objects.get(object_name)
     if thing is None or len(points) < 2 or len(held) < _FEWEST_HELD:
         return 0.0
@@ -81,10 +78,8 @@ def grip_off_m(then: CellDescription | None, object_name: str, points: NDArray, 
 def moved_m(
     then: CellDescription | None, arms: Sequence[ArmController], q: Array, sides: Sequence[str] = SIDES
 ) -> float:
-    """Return by how much the pads come out elsewhere than when the log was made, m, at most; 0 where it has no file.
-
-    q (arms, n, 7): the recorded joints, rad, of the arms of these sides.
-    """
+    """Return the largest distance of the pads from where they were when the log was made, m; 0 where it has no file.
+    q (arms, n, 7): the recorded joints, rad, of the arms of these sides."""
     if then is None or not set(sides) <= set(then.sides):
         return 0.0
     looks = np.linspace(0, q.shape[1] - 1, _LOOKS).astype(int)
@@ -109,13 +104,11 @@ class ReferenceError(Exception):
 class Recording:
     """The teleoperated part of a recording, one sample a tick.
 
-    points (arms, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
-    operator's controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go.
-    load (arms, 6) N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan).
-    detected: index of the impact that was found, None without one; problem: why no reference can be made of it;
-    measured (arms, n) of MEASURED, None where the joints are not known; of a plan, what was planned. begin_s: how much
-    was cut off before the first sample; whole (arms, m) of POINT: what there is without cutting, where it was asked
-    for. hits: of each pad, the index at which its impact was found, None without one.
+    points (arms, n) of POINT: measured pose, twist and posture, wanted wrench and posture acceleration; impact,
+    release: indices of the nominal impact T_r and the release. load (arms, 6) N, Nm: step of each arm's feedforward at
+    T_r (a plan). detected: index of the impact that was found; problem: why no reference can be made of it; measured
+    (arms, n) of MEASURED: also as planned. begin_s: cut off before the first sample; whole (arms, m) of POINT: without
+    cutting, for `patient`. hits: index of each pad's impact. None: not known, or not found.
     """
 
     points: NDArray
@@ -160,9 +153,12 @@ def reference_log(path: Path) -> Log:
 
 
 def load_recording(
-    path: Path, arms: Sequence[ArmController], detector: DetectorParameters, period_s: float,
+    path: Path,
+    arms: Sequence[ArmController],
+    detector: DetectorParameters,
+    period_s: float,
     sides: Sequence[str] = SIDES,
-) -> Recording:  # fmt: skip
+) -> Recording:
     """Read a recording of the arms of these sides and find its impact. Raises ReferenceError with one line."""
     return recording_of(reference_log(path), arms, detector, period_s, sides=sides)
 
@@ -172,12 +168,8 @@ def recording_of(
     acceptance: Acceptance | None = None, patient: bool = False, progress: Callable[[float], None] | None = None,
     sides: Sequence[str] = SIDES,
 ) -> Recording:  # fmt: skip
-    """Return the recording in an open log, as load_recording does.
-
-    acceptance: what a person said about it, by default what is kept beside it. patient: what cannot be followed is
-    returned with its problem all the same, as long as there is something to show, and with the whole of it. progress:
-    is told the share that is done. sides: of the arms.
-    """
+    """Return the recording in an open log, as load_recording does. acceptance: by default what is kept beside it.
+    patient: return one that cannot be followed too, whole and with its problem. progress: receives the share done."""
     path = log.path
     check_sides(log, sides)
     try:
@@ -247,10 +239,8 @@ def recording_of(
     elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
     elif (away_m := moved_m(then, arms, measured["q"], sides)) > MOVED_M:
-        problem = (
-            f"it was made with bases and pads elsewhere than the cell's file has them now: its pads would be up to "
-            f"{away_m * 1e3:.0f} mm off; record it again"
-        )
+        where = "it was made with bases and pads elsewhere than the cell's file has them now"
+        problem = f"{where}: its pads would be up to {away_m * 1e3:.0f} mm off; record it again"
     elif abs(off_m := grip_off_m(then, thing, points, held[held >= impact])) > GRIP_OFF_M:
         how = "further apart" if off_m > 0.0 else "nearer together"
         problem = (
@@ -274,10 +264,8 @@ def _kept(path: Path, accepted: Acceptance, n: int, period_s: float) -> slice:
     first = 0 if accepted.from_s is None else round(accepted.from_s / period_s)
     last = n if accepted.to_s is None else min(n, round(accepted.to_s / period_s))
     if last - first < 2:
-        raise ReferenceError(
-            f"{path}: it is cut to {first * period_s:g} to {last * period_s:g} s: nothing is left of its "
-            f"{n * period_s:g} s; cut less off"
-        )
+        cut = f"it is cut to {first * period_s:g} to {last * period_s:g} s"
+        raise ReferenceError(f"{path}: {cut}: nothing is left of its {n * period_s:g} s; cut less off")
     return slice(first, last)
 
 

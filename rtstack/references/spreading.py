@@ -40,15 +40,11 @@ class ExtendedReference:
 
 def extend(recording: Recording, exclusion_s: float) -> ExtendedReference:
     """Make the extended references. Raises ReferenceError where the impact is too close to an end of the recording."""
-    n = recording.points.shape[1]
-    excluded = round(exclusion_s / recording.period_s)
-    a = recording.impact - excluded
-    p = recording.impact + excluded
+    n, excluded = recording.points.shape[1], round(exclusion_s / recording.period_s)
+    a, p = recording.impact - excluded, recording.impact + excluded
     if a < 1 or p >= n - 1:
-        raise ReferenceError(
-            f"the impact at {recording.impact_s:.3f} s is less than {exclusion_s} s from an end of the recording: "
-            "record a longer one"
-        )
+        near = f"less than {exclusion_s} s from an end of the recording"
+        raise ReferenceError(f"the impact at {recording.impact_s:.3f} s is {near}: record a longer one")
     return spread(recording, a, p)
 
 
@@ -62,8 +58,7 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
     its place had left the impact 2 % faster than it did in its place.
     """
     n = recording.points.shape[1]
-    ante = recording.points.copy()
-    post = recording.points.copy()
+    ante, post = recording.points.copy(), recording.points.copy()
     for arm in range(len(ante)):
         _hold_velocity(ante[arm], a, np.arange(a + 1, n), recording.period_s)
         _hold_velocity(post[arm], p, np.arange(p), recording.period_s)
