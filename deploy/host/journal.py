@@ -14,6 +14,7 @@ from typing import Any
 
 from deploy.host.changes import Change, Command, File, Knob
 from deploy.host.machine import HostSetupError, Machine
+from hal.base.files import PARTIAL, replacing
 
 FILE = "/var/lib/rtstack-host-setup/journal"
 
@@ -102,7 +103,7 @@ class Journal:
         match entry["kind"]:
             case "file":
                 path = self._machine.at(entry["path"])
-                _new(path).unlink(missing_ok=True)  # left by a process that was killed
+                _sweep(path)
                 if entry["former"] is None:
                     path.unlink(missing_ok=True)
                 else:
@@ -155,25 +156,20 @@ def _remove(folders: list[Path]) -> None:
             folder.rmdir()
 
 
-def _new(path: Path) -> Path:
-    return path.with_name(path.name + ".rtstack-new")
+def _sweep(path: Path) -> None:
+    """Remove what a process that was killed has left beside a file."""
+    for partial in path.parent.glob(f".{path.name}.*{PARTIAL}"):
+        partial.unlink()
 
 
 def _replace(path: Path, data: bytes, mode: int, owner: tuple[int, ...] | None = None) -> None:
     """Write a file whole, or not at all."""
-    new = _new(path)
-    try:
-        with new.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+    _sweep(path)
+    with replacing(path, mode=mode) as new:
+        new.write_bytes(data)
         new.chmod(mode)
         if owner is not None and (os.getuid(), os.getgid()) != owner:
             os.chown(new, *owner)
-        os.replace(new, path)
-    except BaseException:
-        new.unlink(missing_ok=True)
-        raise
 
 
 @contextlib.contextmanager
