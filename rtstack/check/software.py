@@ -79,9 +79,8 @@ def _disk(logs: Path) -> Finding:
     free = shutil.disk_usage(there).free
     value = f"{free / 1e9:.0f} GB at {there}, {free / _LOG_BYTES / 3600:.0f} h of logs"
     advice = "another folder with --logs, or `rtstack logs prune`"
-    if free < _LEAST_BYTES:
-        return finding("disk", value, False, "a full disk stops the arms", advice, required=True)
-    return finding("disk", value, free > _ENOUGH_BYTES, "a full disk stops the arms", advice)
+    cost, required = "a full disk stops the arms", free < _LEAST_BYTES
+    return finding("disk", value, free > _ENOUGH_BYTES, cost, advice, required=required)
 
 
 def _shared_memory() -> Finding:

@@ -33,13 +33,9 @@ SENSITIVITY = 1.5  # as `rtstack tune-monitor` has it by default
 
 
 def plan_monitor(
-    planned: PlannedMotion,
-    name: str,
-    description: CellDescription,
-    runs: int,
-    shown: bool,
+    planned: PlannedMotion, name: str, description: CellDescription, runs: int, shown: bool,
     cell_file: Path | None = None,
-) -> tuple[str, Check]:
+) -> tuple[str, Check]:  # fmt: skip
     """Run the plan `runs` times, tune on two thirds of the runs, check on the others. Returns the tuning as TOML.
 
     name: of the plan; cell_file: of the description. Raises PlanError with one line where a run fails, or one that was

@@ -17,21 +17,12 @@ def progress_bar(label: str, shown: bool) -> Iterator[Callable[[float], None]]:
     if not sys.stderr.isatty():
         yield Lines(label)
         return
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"),
-        TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    columns = rich.Progress.get_default_columns()[:-1]  # description, bar, share
+    columns += rich.TimeElapsedColumn(), rich.TextColumn("left"), rich.TimeRemainingColumn()
+    with rich.Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(label, total=1.0)
         yield lambda fraction: progress.update(task, completed=fraction)
 

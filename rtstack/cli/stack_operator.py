@@ -33,11 +33,8 @@ DISARMED = "the arms were disarmed"
 _BEAT_S = 0.5  # between two signs of life: the lease is lost after 2 s
 _LOOK_S = 0.1
 _RESULTS: dict[str, type[Result]] = {
-    "trial": TrialResult,
-    "demonstration": DemonstrationResult,
-    "place": PlacementResult,
-    "move": MoveResult,
-}
+    "trial": TrialResult, "demonstration": DemonstrationResult, "place": PlacementResult, "move": MoveResult,
+}  # fmt: skip
 
 
 class StackOperator:

@@ -1,6 +1,6 @@
 """A twin: what logs of a cell say about its arms, as a profile of the simulated robot and as files of the cell."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -109,14 +109,14 @@ def twin(
     offsets = [identification.bias(each).value for each in samples]
     pair = len(models) == 2  # a squeeze needs two pads
     stiffness = contact_stiffness(models, faces, touched, offsets, late_ms, cutoff_hz) if pair else None
-    squeezed = () if stiffness is None else tuple(_named(TOUCHING[1], 0, stiffness, 0))
+    squeezed = () if stiffness is None else (_named(TOUCHING[1], 0, stiffness, 0),)
     late = [link_lateness(each) for each in cycles]
     inertias = [mounting.robot.B_theta for mounting in mountings]
     found = [_arm(*each) for each in zip(links, samples, inertias, strict=True)]
     return {
         side: replace(arm, parameters=(
-            *arm.parameters, *_named(TOUCHING[0], 0, delay, 0), *squeezed,
-            *(each for k, name in enumerate(LINK) for each in _named(name, 0, network, k)),
+            *arm.parameters, _named(TOUCHING[0], 0, delay, 0), *squeezed,
+            *(_named(name, 0, network, k) for k, name in enumerate(LINK)),
         )) for side, arm, delay, network in zip(sides, found, delays, late, strict=True)
     }  # fmt: skip
 
@@ -162,16 +162,13 @@ def _arm(link: Links, samples: ArmSamples, B_theta: NDArray[np.floating]) -> Arm
     published = FrictionParameters()
     friction = np.array([published.p1, published.p2, published.p3]).T
     joints = [identification.joint(link, j, friction[j], float(B_theta[j])) for j in range(7)]
-    parameters = [*_named("payload_kg", 0, link.payload, 0), *(
-        each for k, axis in enumerate("xyz") for each in _named(f"payload_moment_{axis}", 0, link.payload, 1 + k)
-    )]  # fmt: skip
-    for j, found in enumerate(joints):
-        for k, name in enumerate(Joint.MOTOR):
-            parameters += _named(name, 1 + j, found.motor, k)
-        for k, name in enumerate(Joint.SPRING):
-            parameters += _named(name, 1 + j, found.spring, k)
+    load = "payload_kg", *(f"payload_moment_{axis}" for axis in "xyz")
+    parameters = [_named(name, 0, link.payload, k) for k, name in enumerate(load)]
+    for j, found in enumerate(joints, 1):
+        parameters += [_named(name, j, found.motor, k) for k, name in enumerate(Joint.MOTOR)]
+        parameters += [_named(name, j, found.spring, k) for k, name in enumerate(Joint.SPRING)]
     offsets = identification.bias(samples)
-    parameters += [each for j in range(7) for each in _named("torque_offset", 1 + j, offsets, j)]
+    parameters += [_named("torque_offset", 1 + j, offsets, j) for j in range(7)]
     before = [
         _rms(link, j, np.array([*friction[j], B_theta[j], 1.0, *np.zeros(identification.SHAPES)])) for j in range(7)
     ]
@@ -181,14 +178,14 @@ def _arm(link: Links, samples: ArmSamples, B_theta: NDArray[np.floating]) -> Arm
     return ArmTwin(tuple(parameters), {"motor, published": before, "motor, twin": after, "links, twin": motion})
 
 
-def _named(name: str, joint: int, estimate: Estimate, k: int) -> Iterator[Parameter]:
+def _named(name: str, joint: int, estimate: Estimate, k: int) -> Parameter:
     value = float(estimate.value[k])
     half = float(np.hypot(estimate.half_width[k], METHOD_ABSOLUTE.get(name, METHOD * value)))
     bound = max(
         SURE.get(name, 0.0) * abs(value), SURE_ABSOLUTE.get(name.rstrip("xyz").rstrip("_"), 0.0),
         np.inf if name == "torque_offset" else 0.0,
     )  # fmt: skip
-    yield Parameter(name, joint, value, half, half < bound)
+    return Parameter(name, joint, value, half, half < bound)
 
 
 def _rms(link: Links, j: int, x: Array) -> float:
