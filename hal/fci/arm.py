@@ -15,7 +15,7 @@ import pylibfranka as franka
 from hal.base.arrays import Array
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci import recovery
-from hal.fci.call_limit import CALL, CALL_S, CallLimit
+from hal.fci.call_limit import CALL, CALL_S, FIRED, CallLimit
 from hal.fci.cycle_times import CycleTimes
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.peeked_state import JUMPED, LAST, MOST_MS, PeekedState, stamp_arrivals
@@ -85,7 +85,7 @@ class FciArm:
 
     def _connect(self) -> None:
         before, peer = [open_sockets(kind) for kind in _KINDS], numeric(self.address)
-        self._limit.forget()
+        self._limit.words[FIRED] = 0
         with self._call():
             self._robot = franka.Robot(self.address, self._config)
         new = [open_sockets(kind, peer) - known for kind, known in zip(_KINDS, before, strict=True)]
@@ -107,7 +107,7 @@ class FciArm:
             yield
 
     def _explained(self, error: Exception, called: str) -> HardwareError:
-        if not self._limit.fired:
+        if not self._limit.words[FIRED]:
             return as_hardware_error(error, called)
         self._lost = True
         return ConnectionLost(
@@ -253,22 +253,18 @@ class FciArm:
     def stop(self) -> None:
         """End torque control: the robot brakes and holds. A reflex stays latched."""
         self.unread = self._waits = False
-        if self._robot is None or self._control is None:
+        robot, alive = self._robot, not self._lost
+        if robot is None or self._control is None:
             return
-        with self._limit.within():
-            self._stop(self._robot)
-
-    def _stop(self, robot: franka.Robot) -> None:
-        alive = not self._lost
-        try:
-            if alive:
-                robot.stop()
-        except VENDOR as error:
-            alive = not isinstance(error, franka.NetworkException)
-        # without it libfranka asks for a stop once more; where the box refuses that, it takes the motion to go on until
-        # it has seen a later state, and starts no other one
-        self._control = None
-        with contextlib.suppress(*VENDOR):
+        with self._limit.within(), contextlib.suppress(*VENDOR):
+            try:
+                if alive:
+                    robot.stop()
+            except VENDOR as error:
+                alive = not isinstance(error, franka.NetworkException)
+            # without it libfranka asks for a stop once more; where the box refuses that, it takes the motion to go on
+            # until it has seen a later state, and starts no other one
+            self._control = None
             for _ in range(_LATER_STATES * alive):
                 if int(robot.read_once().robot_mode) != RobotMode.MOVE:
                     break

@@ -6,6 +6,7 @@ lock, shuts down the sockets that lead to the box then, and libfranka raises an 
 """
 
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -23,25 +24,16 @@ _POLL_MS = 20
 _MOST_DESCRIPTORS = 4096
 _INET, _SHUT_RDWR = 2, 2  # sys/socket.h
 # the call that lasts, by a number of its own, 0 for none; after how many polls it is ended; whether one was; the end
-CALL, _POLLS, _FIRED, _END = range(4)
+CALL, _POLLS, FIRED, _END = range(4)
 
 _poll = types.ExternalFunction("poll", types.int32(types.intp, types.uint64, types.int32))
 _shutdown = types.ExternalFunction("shutdown", types.int32(types.int32, types.int32))
 _getpeername = types.ExternalFunction("getpeername", types.int32(types.int32, types.intp, types.intp))
 
 
-@compiled
-def _leads_to(descriptor, host, address, size):
-    """Return whether a socket leads to a host, (4,) bytes."""
-    size[0] = address.size
-    if _getpeername(np.int32(descriptor), address.ctypes.data, size.ctypes.data) != 0 or address[0] != _INET:
-        return False
-    a = address[4:8]  # of struct sockaddr_in
-    return a[0] == host[0] and a[1] == host[1] and a[2] == host[2] and a[3] == host[3]
-
-
 @compiled(nogil=True)
-def _watch(words, host, address, size):
+def _watch(words, address, size, host):
+    """address: a struct sockaddr_in as (4,) uint32; its second one is the host."""
     call, polls = 0, 0
     while words[_END] == 0:
         _poll(address.ctypes.data, np.uint64(0), np.int32(_POLL_MS))
@@ -49,35 +41,29 @@ def _watch(words, host, address, size):
         call = words[CALL]
         if call == 0 or polls < words[_POLLS]:
             continue
-        words[_FIRED] = 1
-        for descriptor in range(_MOST_DESCRIPTORS):
-            if _leads_to(descriptor, host, address, size):
-                _shutdown(np.int32(descriptor), np.int32(_SHUT_RDWR))
+        words[FIRED] = 1
+        for k in range(_MOST_DESCRIPTORS):
+            size[0], descriptor = 16, np.int32(k)
+            failed = _getpeername(descriptor, address.ctypes.data, size.ctypes.data)
+            if failed == 0 and address[0] & 0xFFFF == _INET and address[1] == host:
+                _shutdown(descriptor, np.int32(_SHUT_RDWR))
 
 
 class CallLimit:
-    """The thread that ends the calls to one box. words[CALL]: set it before each read, 0 after it."""
+    """The thread that ends the calls to one box. words[CALL]: set it before each read, 0 after it; words[FIRED]: 1 once
+    a call was ended."""
 
     def __init__(self, host: str) -> None:
         """host: numeric address of the box, "" for none."""
         words = np.array([0, round(1e3 * READ_S / _POLL_MS), 0, 0], np.int64)
         self.words = words.data
-        address = np.frombuffer(socket.inet_aton(host or "0.0.0.0"), np.uint8).copy()
-        self._watch = bound(_watch, words, address, np.zeros(16, np.uint8), np.zeros(1, np.uint32))
+        number = int.from_bytes(socket.inet_aton(host or "0.0.0.0"), sys.byteorder)
+        self._watch = bound(_watch, words, np.zeros(4, np.uint32), np.zeros(1, np.uint32), number)
         threading.Thread(target=self._run, daemon=True, name="limit of calls").start()
 
     def _run(self) -> None:
         beside_realtime()
         self._watch()
-
-    @property
-    def fired(self) -> bool:
-        """Whether a call was ended since the last connection."""
-        return bool(self.words[_FIRED])
-
-    def forget(self) -> None:
-        """Begin anew, with a new connection."""
-        self.words[_FIRED] = 0
 
     @contextmanager
     def within(self) -> Iterator[None]:

@@ -10,20 +10,17 @@ import numpy as np
 
 from hal.compilation import bound, compiled
 from hal.cycle import CYCLE
-from hal.fci.peeked_state import ARRIVED, LOOKED, OLDEST, PeekedState, clock_gettime
+from hal.fci.peeked_state import ARRIVED, LOOKED, MONOTONIC, OLDEST, PeekedState, now_ns
 
 LATE_NS = 500_000  # from when the host's counters are read: half of what the robot allows
 _TICK_NS = 1_000_000
-_MONOTONIC = 1  # time.h
-_NANO = 1_000_000_000
 _LAST_T, _LAST_ARRIVED, _LATE, _WORDS = range(4)
 
 
 @compiled
 def _answer(looked, words, sample, clock, free_ns, read_ns, t_ns):
-    clock_gettime(np.int32(_MONOTONIC), clock.ctypes.data)
     arrived = looked[ARRIVED]
-    answered = clock[0] * _NANO + clock[1] - arrived
+    answered = now_ns(MONOTONIC, clock) - arrived
     oldest = looked[OLDEST] * _TICK_NS if looked[OLDEST] >= 0 else t_ns
     cycle = sample[0]
     cycle.arrived_us = 1e-3 * arrived

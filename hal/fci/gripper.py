@@ -5,17 +5,18 @@ goes on: a process that controls arms leaves the gripper to another process.
 """
 
 import socket
-import struct
+import time
+from typing import Any
 
 import pylibfranka as franka
 
 from hal.errors import ConnectionLost, GripperAborted, GripperFailed, HardwareError, NoGripper
 from hal.fci.faults import vendor_errors
+from hal.fci.sockets import exchange
 from hal.gripper import GripperState
 from hal.wire import CONNECT, GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
 
-_ANSWER = struct.Struct("<HIIHH")  # to Connect, whose command is 0
-_SUCCESS, _INCOMPATIBLE = 0, 1
+_CONNECT_COMMAND, _SUCCESS, _INCOMPATIBLE = 0, 0, 1
 PATIENCE_S = 1.0  # libfranka's own
 
 
@@ -30,19 +31,15 @@ def ask_for_gripper(address: str) -> int:
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp,
         ):
             udp.bind(("", 0))
-            asked = CONNECT.pack(GRIPPER_VERSION, udp.getsockname()[1])
-            tcp.sendall(GRIPPER_HEADER.pack(0, 0, GRIPPER_HEADER.size + len(asked)) + asked)
-            answer = b""
-            while len(answer) < _ANSWER.size:
-                chunk = tcp.recv(_ANSWER.size - len(answer))
-                if not chunk:
-                    raise ConnectionLost(f"the gripper at {address} hung up; is one mounted, and known to Desk?")
-                answer += chunk
+            asked, due_s = CONNECT.pack(GRIPPER_VERSION, udp.getsockname()[1]), time.monotonic() + PATIENCE_S
+            answer = exchange(tcp, GRIPPER_HEADER, _CONNECT_COMMAND, asked, due_s, CONNECT.size)
+    except ConnectionResetError:
+        raise ConnectionLost(f"the gripper at {address} hung up; is one mounted, and known to Desk?") from None
     except OSError as error:
         raise ConnectionLost(
             f"no gripper answers at {address}: {error.strerror or error}; is one mounted, and the FCI active in Desk?"
         ) from None
-    *_, status, version = _ANSWER.unpack(answer)
+    status, version = CONNECT.unpack_from(answer)
     if status == _INCOMPATIBLE:
         raise HardwareError(
             f"the gripper at {address} speaks version {version}, this libfranka {GRIPPER_VERSION}; "
@@ -65,41 +62,37 @@ class FciGripper:
 
     def state(self) -> GripperState:
         """Return the next state. See hal.gripper.Gripper."""
-        with vendor_errors(self.address, _explained):
-            state = self._open().read_once()
+        state = self._ask("read_once")
         t_ns = round(1e3 * state.time.to_sec()) * 1_000_000
         return GripperState(t_ns, state.width, state.max_width, state.is_grasped, state.temperature)
 
     def homing(self) -> bool:
         """Find the largest width."""
-        with vendor_errors(self.address, _explained):
-            return self._open().homing()
+        return self._ask("homing")
 
     def move(self, width: float, speed: float) -> bool:
         """Bring the fingers to a width, m, at a speed, m/s."""
-        with vendor_errors(self.address, _explained):
-            return self._open().move(width, speed)
+        return self._ask("move", width, speed)
 
     def grasp(
         self, width: float, speed: float, force: float, epsilon_inner: float = 0.005, epsilon_outer: float = 0.005
     ) -> bool:
         """Close until a force, N, is felt, and hold on."""
-        with vendor_errors(self.address, _explained):
-            return self._open().grasp(width, speed, force, epsilon_inner, epsilon_outer)
+        return self._ask("grasp", width, speed, force, epsilon_inner, epsilon_outer)
 
     def stop(self) -> bool:
         """Let go."""
-        with vendor_errors(self.address, _explained):
-            return self._open().stop()
+        return self._ask("stop")
 
     def close(self) -> None:
         """Disconnect."""
         self._gripper = None
 
-    def _open(self) -> franka.Gripper:
+    def _ask(self, command: str, *values: float) -> Any:
         if self._gripper is None:
             raise ConnectionLost(f"the gripper at {self.address} was closed; open it again")
-        return self._gripper
+        with vendor_errors(self.address, _explained):
+            return getattr(self._gripper, command)(*values)
 
 
 def _explained(error: Exception, address: str) -> HardwareError:

@@ -12,11 +12,11 @@ import numpy as np
 
 from hal.base.arrays import Array
 from hal.errors import ConnectionLost, HardwareError
+from hal.fci.sockets import exchange
 from hal.limits import DOF, OwnLimits
 from hal.wire import CONNECT, HEADER, PORT, VERSION
 
 PATIENCE_S = 3.0  # for all answers together
-_MOST_BYTES = 1 << 20  # an FR3's model has some 20,000
 _CONNECT_COMMAND, _MODEL_COMMAND = 0, 11
 _SUCCESS = 0
 
@@ -36,11 +36,7 @@ def ask_for_urdf(address: str) -> str:
             body = CONNECT.pack(VERSION, states.getsockname()[1])
             answer = b""
             for command, asked in ((_CONNECT_COMMAND, body), (_MODEL_COMMAND, b"")):
-                arm.sendall(HEADER.pack(command, command + 1, HEADER.size + len(asked)) + asked)
-                *echo, size = HEADER.unpack(_receive(arm, HEADER.size, due_s))
-                if echo != [command, command + 1] or not HEADER.size < size < _MOST_BYTES:
-                    raise ConnectionError("what answers there is no robot")
-                answer = _receive(arm, size - HEADER.size, due_s)
+                answer = exchange(arm, HEADER, command, asked, due_s)
                 if answer[0] != _SUCCESS:
                     raise HardwareError(f"the arm at {address} does not send its model (status {answer[0]})")
     except OSError as error:
@@ -49,17 +45,6 @@ def ask_for_urdf(address: str) -> str:
             f"the arm at {address} does not answer: {reason}; check power, cable and FCI mode in Desk"
         ) from None
     return answer[1:].rstrip(b"\0").decode(errors="replace")
-
-
-def _receive(arm: socket.socket, size: int, due_s: float) -> bytes:
-    data = b""
-    while len(data) < size:
-        arm.settimeout(max(1e-3, due_s - time.monotonic()))
-        chunk = arm.recv(size - len(data))
-        if not chunk:
-            raise ConnectionResetError("it hung up")
-        data += chunk
-    return data
 
 
 def _columns(joints: list[xml.Element], element: str, *attributes: str) -> Array:

@@ -33,25 +33,14 @@ def unpack(datagrams, size, states, number):
     told = datagrams[0]
     if size != _BYTES or told.message_id != number:
         return -1
-    for i in range(41):
-        if told.errors[i] != 0:
-            return -1
+    if told.errors.any():
+        return -1
     state = states[0]
     state.t_ns = number * 1_000_000
-    for i in range(7):
-        state.q[i] = told.q[i]
-        state.dq[i] = told.dq[i]
-        state.tau_J[i] = told.tau_J[i]
-        state.tau_J_d[i] = told.tau_J_d[i]
-        state.dtau_J[i] = told.dtau_J[i]
-        state.theta[i] = told.theta[i]
-        state.dtheta[i] = told.dtheta[i]
-        state.tau_ext_hat_filtered[i] = told.tau_ext_hat_filtered[i]
-    for i in range(4):
-        for j in range(4):
-            state.O_T_EE[i, j] = told.O_T_EE[4 * j + i]
-    for i in range(6):
-        state.O_F_ext_hat_K[i] = told.O_F_ext_hat_K[i]
+    state.q[:], state.dq[:], state.theta[:], state.dtheta[:] = told.q, told.dq, told.theta, told.dtheta
+    state.tau_J[:], state.tau_J_d[:], state.dtau_J[:] = told.tau_J, told.tau_J_d, told.dtau_J
+    state.tau_ext_hat_filtered[:], state.O_F_ext_hat_K[:] = told.tau_ext_hat_filtered, told.O_F_ext_hat_K
+    state.O_T_EE[:] = told.O_T_EE.reshape(4, 4).T  # column-major on the wire
     state.control_command_success_rate = told.control_command_success_rate
     state.robot_mode = told.robot_mode
     state.current_errors = 0
@@ -61,7 +50,7 @@ def unpack(datagrams, size, states, number):
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h
 _STAMP = socket.SOL_SOCKET | _SO_TIMESTAMPNS << 32  # level and type of a control message (cmsg(3))
 _PEEK, _TRUNC, _DONTWAIT = 0x02, 0x20, 0x40  # sys/socket.h
-_REALTIME, _MONOTONIC = 0, 1  # time.h
+REALTIME, MONOTONIC = 0, 1  # time.h
 _CONTROL_BYTES = 64
 _NANO = 1_000_000_000
 # of the words of a look: host's ns, robot's ms, host's ns, bytes; of the state that was read last: robot's ms, host's
@@ -73,7 +62,14 @@ JUMPED = -2
 _MOST_DROPS = 64  # in one look
 
 _recvmsg = types.ExternalFunction("recvmsg", types.int64(types.int32, types.intp, types.int32))
-clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
+_clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
+
+
+@compiled
+def now_ns(which, clock):
+    """Return a clock's time; clock: a struct timespec, (2,) int64."""
+    _clock_gettime(np.int32(which), clock.ctypes.data)
+    return clock[0] * _NANO + clock[1]
 
 
 @compiled
@@ -94,10 +90,7 @@ def _look(words, header, parts, control, datagram, clock, descriptor):
         header[4], header[5] = control.ctypes.data, _CONTROL_BYTES
         control[1] = 0
         size = _recvmsg(np.int32(descriptor), header.ctypes.data, np.int32(_PEEK | _DONTWAIT | _TRUNC))
-        clock_gettime(np.int32(_REALTIME), clock.ctypes.data)
-        now = clock[0] * _NANO + clock[1]
-        clock_gettime(np.int32(_MONOTONIC), clock.ctypes.data)
-        words[LOOKED] = clock[0] * _NANO + clock[1]
+        now, words[LOOKED] = now_ns(REALTIME, clock), now_ns(MONOTONIC, clock)
         words[ARRIVED], words[OLDEST], words[SIZE] = words[LOOKED], -1, size
         if size < 0:
             return False
@@ -120,11 +113,9 @@ def _state(words, datagram, state, clock, number):
     mode = -1
     if number == oldest:
         mode = unpack(datagram, words[SIZE], state, number)
-    else:
-        clock_gettime(np.int32(_MONOTONIC), clock.ctypes.data)
-        if not _follows(words, number, clock[0] * _NANO + clock[1]):
-            words[STRANGE] = number
-            return JUMPED
+    elif not _follows(words, number, now_ns(MONOTONIC, clock)):
+        words[STRANGE] = number
+        return JUMPED
     words[LAST], words[LAST_ARRIVED] = number, arrived + (number - oldest) * 1_000_000 if oldest >= 0 else arrived
     return mode
 

@@ -5,7 +5,35 @@ import os
 import select
 import socket
 import stat
+import struct
 import time
+
+_MOST_BYTES = 1 << 20  # of an answer: an FR3's model has some 20,000
+
+
+def exchange(
+    line: socket.socket, header: struct.Struct, command: int, body: bytes, due_s: float, least: int = 1
+) -> bytes:
+    """Ask a box, and return its answer's body, of at least so many bytes. due_s: of time.monotonic. Raises OSError.
+
+    header: of a command, its id, and the size with the header.
+    """
+    line.sendall(header.pack(command, command + 1, header.size + len(body)) + body)
+    *echo, size = header.unpack(_receive(line, header.size, due_s))
+    if echo != [command, command + 1] or not header.size + least <= size < _MOST_BYTES:
+        raise ConnectionError("what answers there is no robot")
+    return _receive(line, size - header.size, due_s)
+
+
+def _receive(line: socket.socket, size: int, due_s: float) -> bytes:
+    data = b""
+    while len(data) < size:
+        line.settimeout(max(1e-3, due_s - time.monotonic()))
+        chunk = line.recv(size - len(data))
+        if not chunk:
+            raise ConnectionResetError("it hung up")
+        data += chunk
+    return data
 
 
 def open_sockets(kind: socket.SocketKind, peer: str = "") -> set[tuple[int, int]]:

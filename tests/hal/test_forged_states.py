@@ -1,6 +1,7 @@
 """Datagrams that are no state of the robot, or not its next one, on libfranka's socket."""
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -84,17 +85,17 @@ def test_a_number_may_go_on_as_far_as_time_has(wire):
 def test_strangers_are_not_heard_and_a_box_that_counts_anew_is_lost():
     left, right = addresses()
     program = (
-        "import sys; from sim_robot.fci.link import Link; from rtstack.cli.app import app\n"
-        "send, count = Link._send_state, [0]\n"
+        "import signal, sys; from sim_robot.fci.link import Link; from rtstack.cli.app import app\n"
+        "send, asked = Link._send_state, []\n"
+        "signal.signal(signal.SIGUSR1, lambda number, frame: asked.append(number))\n"
         "def later(self, data):\n"
-        "    count[0] += 1\n"
-        "    back = 100_000 if count[0] > 2 * int(sys.argv[3]) else 0\n"
+        "    back = 100_000 if asked else 0\n"
         "    number = int.from_bytes(data[:8], 'little') + 100_000 - back\n"
         "    send(self, number.to_bytes(8, 'little') + bytes(data[8:]))\n"
         "Link._send_state = later\n"
         "app(['sim', '--slower', '8', '--tracker', '', '--cpu', '-1', '--left', sys.argv[1], '--right', sys.argv[2]])"
     )
-    command = [sys.executable, "-c", program, left, right, "300"]
+    command = [sys.executable, "-c", program, left, right]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert any(line.startswith("serving") for line in process.stdout or ())
@@ -114,6 +115,8 @@ def test_strangers_are_not_heard_and_a_box_that_counts_anew_is_lost():
                                 arm.read()
                         if mask & 1:
                             numbers.append(pair.arms[1].t_ns // 1_000_000)
+                        if len(numbers) == 150:
+                            process.send_signal(signal.SIGUSR1)
 
                 with pytest.raises(ConnectionLost, match=r"has sent no state for 100 ms; it sent .* do not follow"):
                     go_on()
