@@ -1,18 +1,11 @@
-"""The path of both pads in a log, as points that any time scaling turns into references. In part compiled.
+"""The path of both pads in a log, and its time scaling, as references. In part compiled; no allocation in a tick.
 
-With the chain rule, for the place s(t) in the log: velocity = s' along, acceleration = s'^2 bend + s'' along.
+Place s(t) in the log, by the chain rule: velocity = s' along, acceleration = s'^2 bend + s'' along. The joints are
+least-squares splines of the fifth degree: measured ones have noise, and jumps in velocity at impacts.
 
-The motion in a log: where both arms' joints were, as smooth functions of the log's time.
-
-What was measured has noise, and jumps in velocity where something was hit. A least-squares spline of the fifth degree
-has neither, and gives velocity and acceleration without differences.
-
-Time scaling: which moment of a log is played now, how fast, and how that changes. Compiled; no allocation.
-
-The rate ds/dt goes up from 0 to the speed and down to 0 again along cubics of RAMP_S each, at rest in acceleration at
-both ends of a ramp; s is its integral in closed form, so that place, rate and acceleration always agree. A stop that is
-asked for brakes from the rate and the acceleration of that moment, and never goes past the end: it needs less way than
-is left, since it is asked for before the last ramp begins.
+The rate ds/dt goes up from 0 to the speed and down again along cubics of RAMP_S, with zero acceleration at both ends;
+s is its integral in closed form. A requested stop brakes from the rate and acceleration of that moment, and never goes
+past the end: it begins before the last ramp, and needs less way than is left.
 """
 
 from collections.abc import Sequence
@@ -94,10 +87,7 @@ SHORTEST_S, LONGEST_S = 0.5, 120.0  # the second: 200 MB of points, a minute of 
 
 @dataclass(frozen=True, slots=True)
 class LoggedMotion:
-    """What was played: joints of each arm over duration_s, with two derivatives.
-
-    object: what the log says was there.
-    """
+    """Joints of each arm over duration_s, with two derivatives. object: by the log's metadata."""
 
     path: Path
     object: str
@@ -123,10 +113,8 @@ def load_motion(path: Path, sides: Sequence[str] = SIDES) -> LoggedMotion:
     last_ns = min(_end_ns(log, side, records) for side, records in zip(sides, samples, strict=True))
     duration_s = (last_ns - first_ns) * 1e-9
     if not SHORTEST_S <= duration_s <= LONGEST_S:
-        raise TrialError(
-            f"{path}: its motion lasts {duration_s:.1f} s; what is played on the arms has {SHORTEST_S:g} to "
-            f"{LONGEST_S:g} s"
-        )
+        allowed = f"what is played on the arms has {SHORTEST_S:g} to {LONGEST_S:g} s"
+        raise TrialError(f"{path}: its motion lasts {duration_s:.1f} s; {allowed}")
     curves = tuple(_fit(path, records, first_ns, last_ns) for records in samples)
     return LoggedMotion(path, log.metadata.get("trial", {}).get("object", ""), duration_s, curves)
 
@@ -135,7 +123,7 @@ def _end_ns(log: Log, side: str, records: NDArray) -> int:
     """Return when the motion ended: with the last sample, or where a controlled stop cut it short."""
     control = log.topic(f"/{side}/control")
     stopping = control["t_ns"][control["mode"] == Mode.STOPPING]
-    return int(min(records["t_ns"][-1], stopping[0] if len(stopping) else records["t_ns"][-1]))
+    return int(min([records["t_ns"][-1], *stopping[:1]]))
 
 
 def _fit(path: Path, records: NDArray, first_ns: int, last_ns: int) -> BSpline:

@@ -1,12 +1,11 @@
 """Process replay: give the states of a log to the present controller and judge, and compare the torques.
 
 Runs the session that made the log (rtstack.trials.run) on a cell that returns the logged states. Its output differs
-from the logged one if the law, a number or a rounding has changed. The states stay those of the log: after the first
-difference they no longer belong to the replayed torques.
+from the logged one if the law, a number or a rounding has changed. After the first difference the states no longer
+belong to the replayed torques.
 
-The commands of a log can also run again on the simulated robot of a profile, such as a twin's: which forces follow
-there? Then the loop is closed: the session that made the log runs again, with the same reference, or with the logged
-setpoints of arms that were led by hand, and the twin answers its torques.
+On the simulated robot of a profile, such as a twin's, the loop is closed: the same session, with the same reference or
+the logged setpoints of arms that were led by hand, and the twin answers its torques.
 """
 
 from collections.abc import Callable, Sequence
@@ -108,11 +107,8 @@ class LoggedRun:
     asked: Specification
 
     def again(self, opened: Callable[[Path, CellDescription], Cell]) -> Columns:
-        """Run the session that made the log on another cell, and return its samples.
-
-        opened: opens the cell, given a folder with the log's cell.toml and its description. An end that does not follow
-        from the states comes in the log's tick.
-        """
+        """Run the session on another cell and return its samples; an end from outside comes in the log's tick.
+        opened: opens the cell, given a folder with the log's cell.toml, and its description."""
         reason = self.log.metadata.get("result", {}).get("failure_reason", "")
         outside = self.kind not in ("trial", "demonstration") or any(str(end) in reason for end in OUTSIDE)
         kept = RunSamples(self.log.path)
@@ -216,11 +212,8 @@ RUNS: dict[str, Callable[[Log, Any, CellDescription, Cell, RunContext, Path], ob
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """An arm: the estimated force on it, N, in the log and in the twin. mean: over the ticks with contact in the log.
-
-    ticks: these. path_mm, torque_nm, velocity: RMS of the distance of the hands, and of the difference of the joints'
-    torques and velocities, rad/s.
-    """
+    """An arm: the estimated force, N, in the log and in the twin; mean: over `ticks`, those with contact in the log.
+    path_mm, torque_nm, velocity: RMS of the hands' distance and of the differences of joint torques and velocities."""
 
     side: str
     ticks: int

@@ -1,10 +1,7 @@
 """Plays a log on an open cell and writes the log of that: the session of a trial, at a pace of its own.
 
-Nothing is meant to be met: the object is left out of it, and a pad that touches something has the judge stop both arms.
-
-Whether a log's path may be played at a speed: asked before anything is opened, and answered with the reason.
-
-The margins are those of a plan (rtstack.planning.feasibility): what feedback needs beside the references.
+No contact is meant: the judge stops both arms when a pad touches something. Whether the path may be played at a speed
+is checked before anything is opened, with the margins of a plan (rtstack.planning.feasibility).
 """
 
 import hashlib
@@ -44,10 +41,7 @@ SPEED_STEP = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What playing asks of an arm at its hardest moment, as a share of what is allowed; 1 is just allowed.
-
-    what: in words; at_s: of the log.
-    """
+    """The hardest moment of an arm, at_s of the log: its share of what is allowed (1: just allowed); what: in words."""
 
     what: str
     share: float
@@ -72,11 +66,8 @@ def fastest(paths: Sequence[ArmPath], limits: PairLimits, description: CellDescr
     low, high = round(SLOWEST / SPEED_STEP), round(FASTEST / SPEED_STEP)
     while low < high:
         middle = (low + high + 1) // 2
-        within = all(
-            load.share <= 1.0
-            for path, allowed in zip(paths, limits, strict=True)
-            for load in loads(path, middle * SPEED_STEP, allowed)
-        )
+        each = zip(paths, limits, strict=True)
+        within = all(load.share <= 1.0 for path, limit in each for load in loads(path, middle * SPEED_STEP, limit))
         low, high = (middle, high) if within else (low, middle - 1)
     return round(low * SPEED_STEP, 2)
 
@@ -124,8 +115,7 @@ def loads(path: ArmPath, speed: float, limits: SafetyLimits) -> list[Load]:
 
 @dataclass(frozen=True, slots=True)
 class PreparedPlayback(PreparedRun[PlaybackResult]):
-    """A log that may be played: nothing is open and nothing written yet. stations: of each arm; q (arms, 7): where they
-    begin, rad."""
+    """A log that may be played. stations: of each arm; q (arms, 7): where they begin, rad."""
 
     specification: PlaybackSpecification
     parameters: Parameters
@@ -135,20 +125,15 @@ class PreparedPlayback(PreparedRun[PlaybackResult]):
     duration_s: float
 
     def start_motion(self, cell: Cell) -> StartMotion | None:
-        """See PreparedRun: to where the log begins.
-
-        Arms that cannot be sent there, those of the plant in this process, have to be there already. An object that the
-        tracker sees on the pads' way is refused, where there is a person who can take it away.
-        """
+        """See PreparedRun: to where the log begins. Arms of the plant in this process have to be there already; an
+        object that the tracker sees on the pads' way is refused elsewhere, where a person can take it away."""
         if cell.link is None:
             for arm, side, q in zip(cell.arms, cell.sides, self.q, strict=True):
                 away = np.abs(arm.read().q - q)
                 if away.max() > NEAR_RAD:
-                    raise TrialError(
-                        f"{self.specification.source}: it begins {away.max():.2f} rad from where joint "
-                        f"{int(away.argmax()) + 1} of the {side} arm is, and this cell cannot send its arms there: "
-                        "play it on one behind the Franka Control Interface (--cell)"
-                    )
+                    where = f"{away.max():.2f} rad from where joint {int(away.argmax()) + 1} of the {side} arm is"
+                    what = "this cell cannot send its arms there: play it on one behind the Franka Control Interface"
+                    raise TrialError(f"{self.specification.source}: it begins {where}, and {what} (--cell)")
             return None
         _look_for_objects(self, cell)
         return start_motion(cell, self.description, "", 0.0, self.start)

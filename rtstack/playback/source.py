@@ -1,8 +1,5 @@
-"""Leads the arms along a log's path: writes the plan's only point each tick, at the pace of the playback.
-
-It is asked once a tick, as a watchdog too: it brakes softly on request, ends at rest, and has the
-judge stop the arms where a pad touches something, for nothing is meant to be met.
-"""
+"""Leads the arms along a log's path: writes the plan's only point each tick, at the pace of the playback. A watchdog:
+it brakes softly on request, ends at rest, and has the judge stop the arms where a pad touches something."""
 
 import math
 from collections.abc import Sequence
