@@ -7,7 +7,7 @@ STOP works, and pauses the queue too: it stops the trial, and disarms the arms.
 import time
 from typing import Annotated
 
-from fastapi import APIRouter, BackgroundTasks, Path
+from fastapi import APIRouter, Path
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
@@ -15,7 +15,7 @@ from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts, check_ob
 from console.queue.entry import QueueOrder, QueueView, SweepOrder, SweepSize
 from console.queue.queue import MAX_ENTRIES
 from console.refused import Refused
-from console.routes.control import stop
+from console.routes.control import request_stop
 from console.routes.jobs import followed_by
 from console.routes.problems import problems
 from rtstack.live.client import RobotRefused
@@ -103,12 +103,12 @@ def pause(session: NeedsSession, parts: NeedsParts) -> QueueView:
 
 
 @router.post("/cancel")
-async def cancel_running(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> QueueView:
+async def cancel_running(session: NeedsSession, parts: NeedsParts) -> QueueView:
     """Pause the queue and stop its trial that runs, as STOP does. Everybody who may operate: it needs no lease."""
     parts.queue.pause(f"{session.operator} cancelled the trial that ran")
     if parts.queue.running() is None:
         raise Refused(409, "no trial of the queue is running")
-    await stop(session, parts, afterwards)
+    await request_stop(parts, session)
     return parts.queue.view()
 
 
