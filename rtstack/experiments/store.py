@@ -202,7 +202,7 @@ def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")
     version = _version(about[VERSION]) if VERSION in about else None
-    if version is not None and (other := version.other_plug_in(present())):
+    if version is not None and (other := present().plug_ins.difference(version.plug_ins)):
         raise TrialError(
             f"{out} was begun with the plug-in {other}: results would be mixed; install that one again, or begin anew "
             "in another folder"

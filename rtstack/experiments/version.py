@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -37,20 +37,17 @@ class Version:
         wanted = dict(self.packages)
         for name, version in other.packages:
             if wanted.get(name) != version:
-                return f"{name} {version} instead of {wanted.get(name)}"
+                return f"{name} {version} instead of {wanted.get(name, 'none')}"
         if other.commit != self.commit:
             return f"rtstack of commit {other.commit[:12]} instead of {self.commit[:12]}"
         if other.sources != self.sources:
             return f"other sources of rtstack (digest {other.sources} instead of {self.sources})"
         return None
 
-    def other_plug_in(self, now: "Version") -> str:
-        """Return in words the first plug-in of this version that `now` has in another version or with other code."""
-        present = dict(now.packages)
-        for name, version in self.packages:
-            if _CODE in version and present.get(name) != version:
-                return f"{name} {version}, now {present.get(name, 'not installed')}"
-        return ""
+    @property
+    def plug_ins(self) -> "Version":
+        """The same of the plug-ins alone."""
+        return replace(self, packages=tuple(each for each in self.packages if _CODE in each[1]), commit="", sources="")
 
 
 @lru_cache(maxsize=1)
