@@ -20,6 +20,7 @@ from hal.base.configuration import (
     ConfigurationError,
     NotNegative,
     Positive,
+    Real,
     load_toml,
     one_line,
     place_of,
@@ -213,9 +214,6 @@ class Calibration:
     points: int | None = None
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
 @checked(frozen=True, slots=True, config=STRICT)
 class CameraDescription:
     """A camera, `[cameras.NAME]`: none by default. kind: an entry point of rtstack.cameras; address: a device or file.
@@ -233,8 +231,8 @@ class CameraDescription:
     height: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 480
     rate_hz: Annotated[float, Field(ge=1.0, le=120.0)] = 30.0
     fov_y_deg: Annotated[float, Field(gt=1.0, lt=170.0)] = 45.0
-    intrinsics: Annotated[tuple[Finite, ...], Field(min_length=9, max_length=9)] | None = None
-    distortion: Annotated[tuple[Finite, ...], Field(max_length=5)] = ()
+    intrinsics: Annotated[tuple[Real, ...], Field(min_length=9, max_length=9)] | None = None
+    distortion: Annotated[tuple[Real, ...], Field(max_length=5)] = ()
     stamped: bool = False
     format: Literal["jpeg", "h264"] = "jpeg"
     quality: Annotated[int, Field(ge=10, le=95)] = 85
@@ -246,11 +244,6 @@ class CameraDescription:
             return self.intrinsics
         f = 0.5 * self.height / math.tan(0.5 * math.radians(self.fov_y_deg))
         return f, 0.0, 0.5 * self.width, 0.0, f, 0.5 * self.height, 0.0, 0.0, 1.0
-
-    @property
-    def D(self) -> tuple[float, ...]:
-        """Its distortion, empty where it has none."""
-        return self.distortion
 
     @property
     def pose(self) -> tuple[float, ...]:

@@ -3,26 +3,33 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from rtstack.model.cell_description import CellDescription
+from rtstack.planning.feasibility import check_plan
 from rtstack.planning.planned import PlannedMotion
 from rtstack.planning.request import SLOWEST_M_S, Plan, PlanError, TooFast
 
 COARSE_M_S, FINE_M_S = 0.1, 0.01
 
 
-def feasible(attempt: Callable[[Plan], PlannedMotion], plan: Plan) -> PlannedMotion:
-    """Return attempt(plan), which raises PlanError for what is not feasible.
+def feasible(
+    motion: Callable[[CellDescription, str, Plan], PlannedMotion], description: CellDescription, name: str, plan: Plan
+) -> PlannedMotion:
+    """Return the motion of a plan for the object of this name. Raises PlanError with one line where it is not feasible.
 
     TooFast comes out with the fastest speed that would do, to 0.01 m/s, of those within 0.1 m/s over a speed that does.
     """
+
+    def attempt(plan: Plan) -> PlannedMotion:
+        planned = motion(description, name, plan)
+        check_plan(planned, description.about(name))
+        return planned
+
     try:
         return attempt(plan)
     except TooFast as error:
         found = _fastest(attempt, plan)
-        if found is None:
-            advice = "no lower speed would do, all else as it is"
-        else:
-            advice = f"the fastest speed that would do, all else as it is, is {found:.2f} m/s"
-        raise TooFast(f"{error}; {advice}", found) from None
+        advice = "no lower speed would do" if found is None else f"the fastest speed that would do is {found:.2f} m/s"
+        raise TooFast(f"{error}; all else as it is, {advice}", found) from None
 
 
 def _fastest(attempt: Callable[[Plan], PlannedMotion], plan: Plan) -> float | None:

@@ -122,7 +122,11 @@ def check_motion(planned: PlannedMotion, description: CellDescription) -> None:
         limits = hardware_limits(description.robots[arm]).tightened(description.safety)
         _check_joints(planned, arm, side, limits)
         _check_pad(planned, arm, side, limits)
-    _check_distances(planned, description)
+    period_s = planned.recording.period_s
+    for tick, side in near_misses(description, [motion.q for motion in planned.joints], planned.recording.points):
+        if side:
+            raise PlanError(f"{side} arm: it would touch the table at {tick * period_s:.2f} s: plan a greater height")
+        raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {tick * period_s:.2f} s")
 
 
 def check_loads(planned: PlannedMotion, description: CellDescription) -> None:
@@ -186,14 +190,6 @@ def _check_pad(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits
             f"{side} arm: the pad moves at {speed.max():.2f} m/s, more than {VELOCITY_SHARE} of the cell's "
             f"ee_speed_max = {limits.ee_speed_max:g}: give it more time"
         )
-
-
-def _check_distances(planned: PlannedMotion, description: CellDescription) -> None:
-    period_s = planned.recording.period_s
-    for tick, side in near_misses(description, [motion.q for motion in planned.joints], planned.recording.points):
-        if side:
-            raise PlanError(f"{side} arm: it would touch the table at {tick * period_s:.2f} s: plan a greater height")
-        raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {tick * period_s:.2f} s")
 
 
 def near_misses(description: CellDescription, q: Sequence[Array], points: NDArray) -> Iterator[tuple[int, str]]:

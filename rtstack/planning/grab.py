@@ -10,7 +10,7 @@ from rtstack.impact_map.grab import grab_impact, joint_state_near
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.fastest import feasible
-from rtstack.planning.feasibility import GRAVITY, check_place, check_plan, object_named
+from rtstack.planning.feasibility import GRAVITY, check_place, object_named
 from rtstack.planning.joints import arm_inertia
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
@@ -30,13 +30,7 @@ SQUEEZE_S = 0.03
 def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | None = None) -> PlannedMotion:
     """Return a grab of the object at its place. Raises PlanError with one line where it is not feasible, TooFast where
     a slower one may be."""
-
-    def attempt(plan: GrabPlan) -> PlannedMotion:
-        planned = grab_motion(description, object_name, plan)
-        check_plan(planned, description.about(object_name))
-        return planned
-
-    return feasible(attempt, plan or GrabPlan())
+    return feasible(grab_motion, description, object_name, plan or GrabPlan())
 
 
 def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) -> PlannedMotion:

@@ -13,7 +13,7 @@ from rtstack.impact_map.grab import grab_scene, joint_state
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.fastest import feasible
-from rtstack.planning.feasibility import GRAVITY, check_place, check_plan, object_named
+from rtstack.planning.feasibility import GRAVITY, check_place, object_named
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import PlanError, PushPlan
@@ -29,13 +29,7 @@ STILL_M_S = 1e-3  # slower than this the object is at rest, and friction has no 
 def plan_push(description: CellDescription, object_name: str, plan: PushPlan | None = None) -> PlannedMotion:
     """Return a hit-and-push of the object at its place. Raises PlanError with one line where it is not feasible,
     TooFast where a slower one may be."""
-
-    def attempt(plan: PushPlan) -> PlannedMotion:
-        planned = push_motion(description, object_name, plan)
-        check_plan(planned, description.about(object_name))
-        return planned
-
-    return feasible(attempt, plan or PushPlan())
+    return feasible(push_motion, description, object_name, plan or PushPlan())
 
 
 def push_motion(description: CellDescription, object_name: str, plan: PushPlan) -> PlannedMotion:
