@@ -31,7 +31,6 @@ solutions; both are seen by the two solvers' answers, and told by the status. Th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import daqp
 import numpy as np
@@ -45,19 +44,13 @@ from rtstack.impact_map.scene import Scene
 from rtstack.impact_map.solvers import Solution, Solver, solve
 
 Mask = NDArray[np.bool_]
+# largest differences of velocity between the solvers, m/s and rad/s: of what is told, and of their first answers,
+# before loads were made even; None where PGS was not asked, or has no solution
+Difference = tuple[float | None, float | None]
 
 SAME = 1e-6  # m/s, rad/s: solvers that agree; they agree to 1e-8 or differ by far
 NOTHING = 1e-8  # N s, m/s: an impulse or a slip that is none
 RANK = 1e-9  # of the largest singular value: what counts as zero
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """Largest differences of velocity between the solvers, m/s and rad/s: of what is told, and of their first answers
-    (before loads were made even)."""
-
-    told: float
-    first: float
 
 
 def impact_map(scene: Scene, second_opinion: bool = True) -> ImpactMap:
@@ -122,25 +115,22 @@ def _lacking(impulses: Array, friction: float) -> float:
     return max(0.0, float((sideways - impulses[:, 2]).max()))
 
 
-def _solutions(
-    problem: Problem, A: Array, w: Array, held: Mask, second_opinion: bool
-) -> tuple[Solution, Difference | None]:
-    """Return ADMM's solution at the contacts not held, and how far PGS's velocities are from it, if it has some."""
+def _solutions(problem: Problem, A: Array, w: Array, held: Mask, second_opinion: bool) -> tuple[Solution, Difference]:
+    """Return ADMM's solution at the contacts not held, and how far PGS's velocities are from it."""
     G, b, friction = A.T @ A, A.T @ w - problem.s[np.repeat(~held, 3)], problem.friction[~held]
     solution = solve(Solver.ADMM, G, b, friction)
-    if not second_opinion or not solution.solved:
-        return solution, None
-    other = solve(Solver.PGS, G, b, friction)
-    if not other.solved:
-        return solution, None
-    told, first = (problem.coloured(A @ apart.ravel()) for apart in (
-        other.impulses - solution.impulses, other.first - solution.first
-    ))  # fmt: skip
-    return solution, Difference(float(np.abs(told).max()), float(np.abs(first).max()))
+    other = solve(Solver.PGS, G, b, friction) if second_opinion and solution.solved else None
+    if other is None or not other.solved:
+        return solution, (None, None)
+    told, first = (
+        float(np.abs(problem.coloured(A @ apart.ravel())).max())
+        for apart in (other.impulses - solution.impulses, other.first - solution.first)
+    )
+    return solution, (told, first)
 
 
 def _impact(
-    problem: Problem, solution: Solution, other: Difference | None, after: Array, impulses: Array, load: Array,
+    problem: Problem, solution: Solution, apart: Difference, after: Array, impulses: Array, load: Array,
     pressing: Array, held: Mask,
 ) -> Impact:  # fmt: skip
     """Return the result. load (n, 3): the pressing, within `impulses`; held (n,): where the law bounds no impulse."""
@@ -151,18 +141,18 @@ def _impact(
     for i in np.flatnonzero(held):
         states[i] = ContactState.STICKING if problem.friction[i] > 0.0 else ContactState.SLIDING
     momentum = problem.M @ (velocity - problem.velocity) - problem.J.T @ (impulses - load).ravel()
-    status, detail = _status(problem, solution, other, impulses, velocities, held)
+    status, detail = _status(problem, solution, apart, impulses, velocities, held)
     return Impact(
         status, detail, velocity, impulses, velocities, tuple(states),
         impulses_unique=_unique(problem, impulses, velocities, states, held),
         kinetic_energy_before_j=float(problem.w @ problem.w) / 2, kinetic_energy_after_j=float(after @ after) / 2,
         law=law, momentum_ns=float(np.abs(momentum).max()), pressing_ns=pressing, iterations=solution.iterations,
-        second_opinion_m_s=None if other is None else other.told, spread_m_s=None if other is None else other.first,
+        second_opinion_m_s=apart[0], spread_m_s=apart[1],
     )  # fmt: skip
 
 
 def _status(
-    problem: Problem, solution: Solution, other: Difference | None, impulses: Array, velocities: Array, held: Mask
+    problem: Problem, solution: Solution, apart: Difference, impulses: Array, velocities: Array, held: Mask
 ) -> tuple[Status, str]:
     if np.abs(velocities[held, 2]).max(initial=0.0) > NOTHING:
         return Status.INFEASIBLE, "the maintained patches cannot all be closed: a moving support forces them apart"
@@ -175,13 +165,16 @@ def _status(
         if total < -NOTHING:
             first, second = problem.contacts[k].between
             return (Status.INFEASIBLE, f"{first} and {second} part: together they would pull with {-total:.3g} Ns")
-    if other is not None and other.told > SAME:
-        return Status.NOT_UNIQUE, f"another solution of the law, by PGS, differs by up to {other.told:.3g} m/s or rad/s"
-    if other is not None and other.first > SAME:
+    told, first = apart
+    if told is None or first is None:
+        return Status.SOLVED, "unconfirmed: PGS not asked, or not precise"
+    if told > SAME:
+        return Status.NOT_UNIQUE, f"another solution of the law, by PGS, differs by up to {told:.3g} m/s or rad/s"
+    if first > SAME:
         return Status.NOT_UNIQUE, (
-            f"redundant contacts slide, their loads decide over {other.first:.3g} m/s or rad/s: the even ones are told"
+            f"redundant contacts slide, their loads decide over {first:.3g} m/s or rad/s: the even ones are told"
         )
-    return Status.SOLVED, "confirmed by PGS" if other is not None else "unconfirmed: PGS not asked, or not precise"
+    return Status.SOLVED, "confirmed by PGS"
 
 
 def _penetrates(problem: Problem, held: Mask) -> bool:
