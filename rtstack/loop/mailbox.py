@@ -33,48 +33,23 @@ class Release(IntEnum):
 # Of the last command that was applied: its sequence, when it was made and came, the picture that it answers, when that
 # was of the robot and when it was seen (ns of the same clock, 0 before the first one). dropped: how many were not
 # applied: too old, out of order, made on an old picture, for another reason
-TARGET = np.dtype(
-    [
-        ("job", "i8"),
-        ("clutch_ns", "i8"),
-        ("release", "i8"),
-        ("finish", "i8"),
-        ("policy", "i8"),
-        ("speed", "f8"),
-        ("stiffness", "f8"),
-        ("pose", "f8", (2, 7)),
-        ("sequence", "i8"),
-        ("made_ns", "i8"),
-        ("came_ns", "i8"),
-        ("picture", "i8"),
-        ("picture_ns", "i8"),
-        ("seen_ns", "i8"),
-        ("dropped", "i8", 4),
-    ]
-)
+TARGET = np.dtype([
+    ("job", "i8"), ("clutch_ns", "i8"), ("release", "i8"), ("finish", "i8"), ("policy", "i8"), ("speed", "f8"),
+    ("stiffness", "f8"), ("pose", "f8", (2, 7)), ("sequence", "i8"), ("made_ns", "i8"), ("came_ns", "i8"),
+    ("picture", "i8"), ("picture_ns", "i8"), ("seen_ns", "i8"), ("dropped", "i8", 4),
+])  # fmt: skip
 
 CHUNK_POSES = 16  # in one answer
 
 # One answer of a policy. lease: the one that it was made under; beat_ns: host's time.monotonic_ns() when it came, a
 # sign of life; observed_ns: robot's time of the first arm's state that it answers; pose k of `count` is due (k + 1)
 # step_ns later. xi: of the posture joint, rad, not a number where the posture is left as it is
-CHUNK = np.dtype(
-    [
-        ("job", "i8"),
-        ("lease", "i8"),
-        ("beat_ns", "i8"),
-        ("observed_ns", "i8"),
-        ("step_ns", "i8"),
-        ("count", "i8"),
-        ("pose", "f8", (CHUNK_POSES, 2, 7)),
-        ("xi", "f8", (CHUNK_POSES, 2)),
-    ]
-)
-
+CHUNK = np.dtype([
+    ("job", "i8"), ("lease", "i8"), ("beat_ns", "i8"), ("observed_ns", "i8"), ("step_ns", "i8"), ("count", "i8"),
+    ("pose", "f8", (CHUNK_POSES, 2, 7)), ("xi", "f8", (CHUNK_POSES, 2)),
+])  # fmt: skip
 
 _MAGIC = 0x7274_6D62_6F78_0003  # "rtmbox", layout version 3
-
-
 TARGET_WORDS, CHUNK_WORDS = TARGET.itemsize // 8, CHUNK.itemsize // 8
 TAKEN_S = 0.5  # ours: a busy machine makes a tick long now and then
 NOT_TAKEN = f"STOP was not taken by the control loop within {TAKEN_S:g} s: use the emergency stop"
