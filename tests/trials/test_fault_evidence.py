@@ -101,7 +101,7 @@ def test_an_exception_leaves_its_traceback_and_the_last_second(runner, controlle
     assert len(kept["object"]) > 100
     assert review_log(path).as_dict()["fault"] == fault
     print_review(path)
-    assert "fault detail           ZeroDivisionError: division by zero\n" in capsys.readouterr().out
+    assert re.search(f"fault detail           {raised}\n", capsys.readouterr().out)
 
 
 def test_a_qp_without_an_answer_is_kept_as_it_was(runner, controllers, tmp_path):
@@ -207,7 +207,7 @@ def test_evidence_is_recovered_from_a_log_that_is_cut_off_after_it(runner, contr
     with pytest.raises(LogError, match="cut off"):
         read_log(cut)
     log = read_log(recover(cut).output)
-    assert log.metadata["fault"]["detail"] == "ZeroDivisionError: division by zero"
+    assert log.metadata["fault"]["detail"].startswith("ZeroDivisionError: division by zero (")
     assert "traceback.txt" in _attachments(log)
 
 
