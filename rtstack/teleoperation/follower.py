@@ -19,6 +19,7 @@ import numpy as np
 
 from hal.compilation import compiled
 from hal.limits import CONTROL_PERIOD_S
+from rtstack.control.records import POINT
 from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
 from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, GAP_M, TILT_RAD, UNIT_TOLERANCE
 
@@ -70,10 +71,11 @@ def coordinates(followers, position, rotation, out):
 
 @compiled
 def hold(followers):
-    """Ask for no more than what the first step has reached: the command brakes within BRAKING_S."""
-    f = followers[0]
-    for i in range(6):
-        f.goal[i] = f.followed[i]
+    """Ask for no more than what the first step has reached: the commands of (arms, 1) brake within BRAKING_S."""
+    for side in range(followers.shape[0]):
+        f = followers[side, 0]
+        for i in range(6):
+            f.goal[i] = f.followed[i]
 
 
 @compiled
@@ -143,6 +145,16 @@ def write_point(followers, points):
         point.twist[3 + i] = (
             point.rotation[i, 0] * f.three[0] + point.rotation[i, 1] * f.three[1] + point.rotation[i, 2] * f.three[2]
         )
+
+
+def compile_follower(arms: int) -> None:
+    """Compile what a tick of so many arms calls, before the first one."""
+    followers, points, six = np.zeros((arms, 1), FOLLOWER), np.zeros((arms, 1), POINT), np.zeros(6)
+    begin(followers[0], six[:3], np.eye(3))
+    coordinates(followers[0], six[:3], np.eye(3), six)
+    hold(followers)
+    advance(followers[0], 0.1, 0.1)
+    write_point(followers[0], points[0])
 
 
 # working memory of an arm's request

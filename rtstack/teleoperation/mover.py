@@ -16,14 +16,12 @@ from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.samples import Level, Mode
-from rtstack.teleoperation.follower import FOLLOWER, advance, begin, coordinates, hold, write_point
+from rtstack.teleoperation.follower import FOLLOWER, advance, begin, compile_follower, coordinates, hold, write_point
 from rtstack.teleoperation.reach import TURN_RAD_M, Reach
 
 SPEED_M_S = 0.12
 LOWER_M_S = 0.06
-CARRIED_M = (
-    0.005  # both commands so far below their pads, on average: the springs press on the table, not against weight
-)
+CARRIED_M = 0.005  # both commands so far below their pads, on average: springs press on the table, not against weight
 CARRIED_TICKS = 30
 _AT_GOAL_M, _AT_GOAL_RAD, _RESTING = 5e-4, 2e-3, 2e-3  # the last: m/s and rad/s
 _XI_RAD_S = 0.3  # of the posture, on the way home
@@ -68,15 +66,7 @@ class Mover:
         self._count = len(self._ways)
         self._lowering = self._homing = False
         self._speed = SPEED_M_S
-        self._compile()
-
-    def _compile(self) -> None:
-        follower, point = self._followers[0].copy(), self.points[0].copy()
-        begin(follower, np.zeros(3), np.eye(3))
-        coordinates(follower, np.zeros(3), np.eye(3), self._goal)
-        hold(follower)
-        advance(follower, 0.1, 0.1)
-        write_point(follower, point)
+        compile_follower(arms)
 
     @property
     def share(self) -> float:
@@ -90,8 +80,7 @@ class Mover:
         if self._lowering and self._carried():
             self._lowering = False
             self.lowered_m = self._began_z - self._mean_z()
-            for follower in self._followers:
-                hold(follower)
+            hold(self._followers)
         if not self._arrived():
             return
         if self._lowering:

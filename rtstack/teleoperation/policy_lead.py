@@ -32,8 +32,7 @@ def _usable(chunk):
 
 @compiled
 def _asked(chunk, began_ns, begin, now_ns, poses):
-    """Write the poses (2, 7) that are asked for now: from `begin` (2, 7), asked for when the chunk came, to its first
-    one, and on to its last one, which is kept."""
+    """Write the poses (2, 7) of now: from `begin` (2, 7), of when the chunk came, on to its last one, which is kept."""
     c = chunk[0]
     due = c.observed_ns + c.step_ns
     k = -1
@@ -60,6 +59,13 @@ def _asked(chunk, began_ns, begin, now_ns, poses):
                 square += poses[side, i] ** 2
         for i in range(3, 7):
             poses[side, i] /= np.sqrt(square)
+
+
+def quiet(quiet_ns: int, end: End, lacking: str) -> WatchdogTrip | None:
+    """Return why a session ends whose lead has been quiet for so long, None where that is allowed."""
+    if (quiet_s := quiet_ns * 1e-9) <= CLUTCH_S:
+        return None
+    return WatchdogTrip(end, f"no {lacking} for {quiet_s:.3g} s, allowed {CLUTCH_S:g} s", value=quiet_s, bound=CLUTCH_S)
 
 
 class PolicyLead:
@@ -94,8 +100,7 @@ class PolicyLead:
         self.xi[:] = np.nan
 
     def follow(self, now_ns: int, command: np.ndarray) -> bool:
-        """Take a new answer and write `poses` for this tick. now_ns: the first arm's time; command (2, 7): what is
-        asked for without it. Returns whether there is something to follow."""
+        """Take a new answer and write `poses`; return whether there is one. command (2, 7): what is asked without."""
         if self._mailbox.chunk_sequence != self._sequence:
             self._take(now_ns, command)
         if not self.answers:
@@ -107,11 +112,7 @@ class PolicyLead:
 
     def trip(self) -> WatchdogTrip | None:
         """Return why a session ends whose policy is quiet, None while it is not."""
-        quiet_s = (self._clock() - self._beat_ns) * 1e-9
-        if quiet_s <= CLUTCH_S:
-            return None
-        detail = f"no answer that can be followed for {quiet_s:.3g} s, allowed {CLUTCH_S:g} s"
-        return WatchdogTrip(End.POLICY_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
+        return quiet(self._clock() - self._beat_ns, End.POLICY_QUIET, "answer that can be followed")
 
     def _take(self, now_ns: int, command: np.ndarray) -> None:
         sequence, read = self._mailbox.chunk_sequence, self._read

@@ -1,8 +1,6 @@
 """Leads the arms after the requests of an operator, or of a policy: the mailbox's, filtered, are the plan's only point.
 
 It is a watchdog too, for what holds the clutch is what keeps the arms going.
-
-The clutch of one job in the mailbox: what a page holds, while what it does is not led by targets.
 """
 
 import time
@@ -16,14 +14,17 @@ from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import TARGET, Mailbox, Release
-from rtstack.loop.watchdogs import CLUTCH_S, Watchdog, WatchdogTrip
+from rtstack.loop.watchdogs import Watchdog, WatchdogTrip
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import SIDES, Level
-from rtstack.teleoperation.follower import AIM, FOLLOWER, advance, aim, begin, hold, write_point
-from rtstack.teleoperation.policy_lead import PolicyLead
+from rtstack.teleoperation.follower import AIM, FOLLOWER, advance, aim, begin, compile_follower, hold, write_point
+from rtstack.teleoperation.policy_lead import PolicyLead, quiet
 from rtstack.teleoperation.reach import HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M, TURN_RAD_M, Reach
 from rtstack.topics import HAND_TOPIC
 
+_AGES = ("made_us", "made_ns"), ("came_us", "came_ns"), ("picture_us", "picture_ns"), ("seen_us", "seen_ns")
+_DROPPED = ("dropped_old", "dropped_order", "dropped_picture", "dropped_other")
+_QUIET = End.CLUTCH_QUIET, "sign of life of the clutch"
 _STIFFER_N_M = 500.0 * CONTROL_PERIOD_S  # a tick: a stiffness that jumped would be a force that jumps
 _POSTURE_RAD = 0.3 * CONTROL_PERIOD_S  # a tick: the posture that a policy's joints ask for
 RELEASE_TEXTS: dict[int, str] = {
@@ -38,17 +39,8 @@ def released(release: int) -> WatchdogTrip:
     return WatchdogTrip(End.RELEASED, RELEASE_TEXTS.get(release, "for no reason given"), Level.INFO)
 
 
-def quiet(quiet_ns: int) -> WatchdogTrip | None:
-    """Return why a session ends whose clutch has been quiet for so long, None where that is allowed."""
-    quiet_s = quiet_ns * 1e-9
-    if quiet_s <= CLUTCH_S:
-        return None
-    detail = f"no sign of life of the clutch for {quiet_s:.3g} s, allowed {CLUTCH_S:g} s"
-    return WatchdogTrip(End.CLUTCH_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
-
-
 class Clutch(Watchdog):
-    """A watchdog that ends a session with its clutch. clock: the host's monotonic time, ns."""
+    """A watchdog that ends a session that no targets lead with its clutch. clock: the host's monotonic time, ns."""
 
     def __init__(self, mailbox: Mailbox, job: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._mailbox, self._job, self._clock = mailbox, job, clock
@@ -63,7 +55,7 @@ class Clutch(Watchdog):
         return self._beat_ns > 0
 
     def trip(self) -> WatchdogTrip | None:
-        return quiet(self._clock() - self._beat_ns) if self.held else released(self._release)
+        return quiet(self._clock() - self._beat_ns, *_QUIET) if self.held else released(self._release)
 
 
 class TeleoperationSource:
@@ -75,9 +67,7 @@ class TeleoperationSource:
     A policy leads while the target names its lease and the clutch is not held: who holds the clutch leads from the next
     tick on, and until a target gives a policy a lease again. A policy without an answer for CLUTCH_S ends the session.
 
-    tell: called with a line when the lead changes hands. arms: those that were observed, once they were. sides: theirs;
-    a target has a pose of either side.
-
+    tell: called with a line when the lead changes hands. arms: those that were observed, once they were. sides: theirs.
     It is a sensor too (hal.sensor): of what was asked, on which picture, and when.
     """
 
@@ -91,21 +81,15 @@ class TeleoperationSource:
         self.points = np.zeros((arms, 1), POINT)
         self.moved = False  # whether the clutch was held
         self.lost = False  # whether it ended since the operator's hand was lost
-        self._mailbox = mailbox
-        self._job = job
-        self._reach = reach
+        self._mailbox, self._job, self._reach, self._clock = mailbox, job, reach, clock
         self._stop_on_release = stop_on_release
-        self._clock = clock
-        self._followers = np.zeros((arms, 1), FOLLOWER)
-        self._begun = [False] * arms
+        self._followers, self._aims = np.zeros((arms, 1), FOLLOWER), np.zeros((arms, 1), AIM)
+        self._begun, self._held = [False] * arms, False
         self._target = np.zeros(1, TARGET)
-        self._sequence = 0
-        self._held = False
+        self._sequence = self._beat_ns = 0
         self._ended: WatchdogTrip | None = None  # by the newest target
-        self._beat_ns = 0
         self._speed = SLOWEST_M_S
         self._stiffness = 0.0  # wanted; 0 before the first request: the plan's
-        self._aims = np.zeros((arms, 1), AIM)
         first = SIDES.index(sides[0])
         self._there = slice(first, first + arms)  # of what has a row of either side
         self._pose = self._target["pose"][0, self._there]
@@ -117,16 +101,8 @@ class TeleoperationSource:
         self._applied = self._logged = 0  # sequence words of the targets whose command was applied, and logged
         self._asked = 0  # its own sequence
         self._now_ns = self._logged_ns = -1  # the log's time
-        self._compile()
-
-    def _compile(self) -> None:
-        """Have everything compiled before the first tick."""
-        followers, point = self._followers.copy(), self.points[0].copy()
-        begin(followers[0], np.zeros(3), np.eye(3))
-        aim(self._pose, followers, self._aims, self._reach.lower, self._reach.upper)
-        hold(followers[0])
-        advance(followers[0], 0.1, 0.1)
-        write_point(followers[0], point)
+        compile_follower(arms)
+        aim(self._pose, self._followers.copy(), self._aims, reach.lower, reach.upper)
 
     def listen(self) -> None:
         """See rtstack.loop.session.PointSource: take the target that was written since, and the policy's answer."""
@@ -139,7 +115,7 @@ class TeleoperationSource:
         if self._ended is not None:
             return self._ended
         if self._held:
-            return quiet(self._clock() - self._beat_ns)
+            return quiet(self._clock() - self._beat_ns, *_QUIET)
         return self.lead.trip() if self.lead.lease else None
 
     def step(self, side: int, arm: ObservedArm) -> None:
@@ -151,8 +127,7 @@ class TeleoperationSource:
             self._begun[side] = True
             work = arm.workspace[0]
             begin(follower, work["position"], work["rotation"])
-            joint = arm.parameters.posture_joint
-            point["xi"] = arm.sample["q"][0, joint]
+            point["xi"] = arm.sample["q"][0, arm.parameters.posture_joint]
             self.arms[side] = arm
             if side == 0:
                 self._stamp = arm.sample["t_ns"]
@@ -162,8 +137,7 @@ class TeleoperationSource:
             point["xi"] += min(max(self.lead.xi[self._there][side] - point["xi"][0], -_POSTURE_RAD), _POSTURE_RAD)
         if self._stiffness:
             stiffness = arm.setpoint["stiffness"][0]
-            now = stiffness[0]
-            if now != self._stiffness:
+            if (now := stiffness[0]) != self._stiffness:
                 stiffness[:3] = now + min(max(self._stiffness - now, -_STIFFER_N_M), _STIFFER_N_M)
 
     def read(self, sample: NDArray[np.void]) -> None:
@@ -175,13 +149,10 @@ class TeleoperationSource:
         sample["t_ns"] = self._now_ns
         sample["asked_left"], sample["asked_right"] = target["pose"][0], target["pose"][1]
         sample["sequence"], sample["picture"] = target["sequence"], target["picture"]
-        sample["made_us"] = (now_ns - target["made_ns"]) * 1e-3
-        sample["came_us"] = (now_ns - target["came_ns"]) * 1e-3
-        sample["picture_us"] = (now_ns - target["picture_ns"]) * 1e-3
-        sample["seen_us"] = (now_ns - target["seen_ns"]) * 1e-3
-        dropped = target["dropped"]
-        sample["dropped_old"], sample["dropped_order"] = dropped[0], dropped[1]
-        sample["dropped_picture"], sample["dropped_other"] = dropped[2], dropped[3]
+        for age, at in _AGES:
+            sample[age] = (now_ns - target[at]) * 1e-3
+        for name, number in zip(_DROPPED, target["dropped"], strict=True):
+            sample[name] = number
 
     def _take(self) -> WatchdogTrip | None:
         """Take a new target. One that is being written, or is not of this job, counts for nothing."""
@@ -221,8 +192,7 @@ class TeleoperationSource:
         """Let a policy lead under a lease, or none; an operator's settings hold for it too."""
         if lease == self.lead.lease:
             return
-        for follower in self._followers:
-            hold(follower)
+        hold(self._followers)
         if not lease:
             self.lead.end()
             self.tell("the policy's lease is over: the arms hold")
@@ -252,6 +222,5 @@ class TeleoperationSource:
             return released(release)
         if release == Release.DROPPED:
             self.tell(f"the grip was let go, and the arms hold: {RELEASE_TEXTS[release]}")
-        for follower in self._followers:
-            hold(follower)
+        hold(self._followers)
         return None

@@ -1,9 +1,7 @@
 """Runs a teleoperation on a cell: the session of a demonstration, led by an operator instead of a script.
 
-A policy may lead too. In a cell that waits it is hosted in the same process: it is asked between two ticks, and answers
-through the mailbox. The cell's time stands still while the policy computes, so that a run is the same on any machine.
-`delay_s` is the robot's time that an answer takes. A policy that raises is not asked again, which ends the run as a
-quiet policy does.
+A policy may lead too. In a cell that waits it is asked in the same process, between two ticks, while the cell's time
+stands still, so that a run is the same on any machine. A policy that raises is not asked again: it ends as a quiet one.
 """
 
 import os
@@ -31,7 +29,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Level
-from rtstack.teleoperation.policy import Chunk, Observation, Policy, own_words
+from rtstack.teleoperation.policy import Observation, Policy, own_words
 from rtstack.teleoperation.reach import FASTEST_M_S, STIFFNESS_N_M, Reach
 from rtstack.teleoperation.source import TeleoperationSource
 from rtstack.trials.assembly import cell_parameters
@@ -53,7 +51,8 @@ LEASE = 1  # of the one policy of a run
 class PolicyHost:
     """Asks a policy `rate_hz` times a second of the robot's time, for `longest_s` at most, and gives it a lease.
 
-    mailbox, job: where the answers go. delay_s: until an answer arrives. speed_m_s: of the filtered command at most.
+    mailbox, job: where the answers go. delay_s: until an answer arrives, by the robot's time. speed_m_s: of the command
+    at most, after the filter.
     """
 
     def __init__(
@@ -67,8 +66,7 @@ class PolicyHost:
         self._target["job"], self._target["policy"] = job, LEASE
         self._target["speed"], self._target["stiffness"] = speed_m_s, STIFFNESS_N_M
         self._waiting: deque[tuple[int, NDArray[np.void] | None]] = deque()  # when an answer arrives, None: finished
-        self._number = 0
-        self._began_ns: int | None = None
+        self._number, self._began_ns = 0, -1
         self._poses: NDArray[np.float64] | None = None  # of the last observation, whose quaternions' signs are kept
         self._dead = False
         self.problem = ""  # why its newest answer is none
@@ -92,14 +90,14 @@ class PolicyHost:
 
     def _between(self, tick: int) -> None:
         if tick >= self.longest_ticks:
-            self._finish()
-            return
-        if tick % self._every == 0 and not self._dead and None not in self._source.arms and self._source.lead.lease:
+            self._waiting.appendleft((tick, None))
+        elif tick % self._every == 0 and not self._dead and None not in self._source.arms and self._source.lead.lease:
             self._ask(tick)
         while self._waiting and self._waiting[0][0] <= tick:
             _, chunk = self._waiting.popleft()
             if chunk is None:
-                self._finish()
+                self._target["finish"] = 1
+                self._mailbox.write_target(self._target)
                 return
             chunk["beat_ns"] = self.clock()
             self._mailbox.write_chunk(chunk)
@@ -112,28 +110,22 @@ class PolicyHost:
             self._dead = True
             self._tell(Level.ERROR, f"the policy has ended: {own_words(error)}")
             return
-        self.problem = ""
+        self.problem, chunk = "", None
         if answer is None:
             return
-        if answer.finished:
-            self._waiting.append((tick + self._delay, None))
-            return
-        problem = answer.problem(len(self._models))
-        if problem is not None:
-            self._tell(Level.WARNING, f"answers are not followed: {problem}")
-            return
-        self._waiting.append((tick + self._delay, self._record(answer, observation)))
-
-    def _record(self, answer: Chunk, observation: Observation) -> NDArray[np.void]:
-        chunk = answer.record(self._models, self._posture_joint)
-        chunk["job"], chunk["lease"], chunk["observed_ns"] = self._job, self._source.lead.lease, observation.t_ns
-        return chunk
+        if not answer.finished:
+            if (problem := answer.problem(len(self._models))) is not None:
+                self._tell(Level.WARNING, f"answers are not followed: {problem}")
+                return
+            chunk = answer.record(self._models, self._posture_joint)
+            chunk["job"], chunk["lease"], chunk["observed_ns"] = self._job, self._source.lead.lease, observation.t_ns
+        self._waiting.append((tick + self._delay, chunk))
 
     def _observation(self) -> Observation:
         arms = [arm for arm in self._source.arms if arm is not None]
         self._number += 1
         t_ns = self.clock()
-        self._began_ns = t_ns if self._began_ns is None else self._began_ns
+        self._began_ns = t_ns if self._began_ns < 0 else self._began_ns
         pose, pose_ref = self._poses = np.zeros((2, len(arms), 7)) if self._poses is None else self._poses.copy()
         self._posture_joint = arms[0].parameters.posture_joint
         for side, arm in enumerate(arms):
@@ -151,10 +143,6 @@ class PolicyHost:
             pose, pose_ref, np.stack([arm.workspace["force_world"][0] for arm in arms]), known,
             self._pictures.at(t_ns),
         )  # fmt: skip
-
-    def _finish(self) -> None:
-        self._target["finish"] = 1
-        self._mailbox.write_target(self._target)
 
     def _tell(self, level: Level, text: str) -> None:
         self.problem = text

@@ -79,7 +79,7 @@ def test_held_it_brakes_at_once_and_stands_still_within_its_braking_time(asked, 
         follower["goal"][0] = np.concatenate([START, np.zeros(3)]) + goal
         for _ in range(ticks):
             advance(follower, speed, 2.5 * speed)
-    hold(follower)
+    hold(follower[None])
     for _ in range(round(BRAKING_S / DT) + 1):
         advance(follower, speed, 2.5 * speed)
     assert np.abs(follower["velocity"][0]).max() <= 1e-9
