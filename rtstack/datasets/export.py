@@ -53,8 +53,8 @@ class NothingToExport(LogError):
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What an export did, or would do. present: episodes that an interrupted one had left; robot_s: robot's time in the
-    others; candidates: all logs, in the order of the episodes, those that are left out with the reason."""
+    """present: episodes that an interrupted export had left; robot_s: robot's time in the others; candidates: all logs
+    in order."""
 
     episodes: int
     present: int

@@ -36,12 +36,9 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
         source = json.loads(row["source"])
         attachments = [Attachment(name, kind, text.encode(errors="surrogateescape")) for name, (kind, text) in
                        json.loads(row["attachments"]).items()]  # fmt: skip
-        records = _records(row, table, sides)
-        cameras = json.loads(row.get("cameras", "{}"))
+        records, cameras = _records(row, table, sides), json.loads(row.get("cameras", "{}"))
         pictures = _pictures(folder, row, table, cameras)
-        metadata = {
-            name: said for name, said in source.items() if isinstance(said, dict) and name not in ("result", "log")
-        }
+        metadata = {k: v for k, v in source.items() if isinstance(v, dict) and k not in ("result", "log")}
     except LogError:
         raise
     except Exception as error:  # pyarrow and numpy raise whatever a damaged table makes of them

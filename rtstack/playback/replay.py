@@ -65,8 +65,8 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """The result of a replay. replayed_ticks: fewer than ticks if the replay stops earlier. commits: of the log and of
-    this code. differences: of all fields, the earliest first; empty: every bit is the same."""
+    """commits: of the log and of this code. differences: of all fields, the earliest first. replayed_ticks: fewer than
+    ticks if the replay stops earlier."""
 
     log: str
     kind: str
@@ -88,10 +88,9 @@ class Replay:
 def replay(path: Path) -> Replay:
     """Replay a log of a trial, a demonstration or a teleoperation. Raises TrialError with one line."""
     run = read_run(path)
-    columns = run.columns
-    cell = logged_cell(run.log.metadata["trial"].get("cell", "log"), columns, run.log.sides)
+    columns, trial = run.columns, run.log.metadata["trial"]
+    cell = logged_cell(trial.get("cell", "log"), columns, run.log.sides)
     replayed = run.again(lambda _folder, _description: cell)
-    trial = run.log.metadata["trial"]
     n, m = columns.arm.shape[1], replayed.arm.shape[1]
     commits = trial.get("git_commit", "unknown"), git_commit()
     return Replay(str(path), run.kind, n, m, commits, compared(columns, replayed, run.log.sides))
@@ -156,11 +155,10 @@ def compared(logged: Columns, replayed: Columns, sides: Sequence[str] = SIDES) -
 def _difference(side: str, name: str, logged: NDArray, replayed: NDArray) -> Difference | None:
     a, b = (values.reshape(len(values), -1).astype(np.float64) for values in (logged, replayed))
     other = (a != b) & ~(np.isnan(a) & np.isnan(b))
-    if not other.any():
-        return None
     rows = np.flatnonzero(other.any(axis=1))
-    tick = int(rows[0])
-    column = int(np.flatnonzero(other[tick])[0])
+    if not len(rows):
+        return None
+    tick, column = int(rows[0]), int(np.flatnonzero(other[rows[0]])[0])
     label = f"{name}[{column}]" if a.shape[1] > 1 else name
     largest = float(np.nanmax(np.abs(np.where(other, a - b, 0.0))))
     return Difference(side, label, len(rows), tick, float(a[tick, column]), float(b[tick, column]), largest)

@@ -1,8 +1,7 @@
 """A planned motion as a file: a log of the arms' planned states, with /control in the modes of the plan.
 
-Any reader of logs shows it. What a trial needs is in the control topic of each arm (mode, pose_ref, twist_ref,
-wrench_ff, beta), in the posture's joint of its arm topic, and in the metadata record `plan`; what its
-monitor expects, in q, dq and O_F_ext_hat_K there.
+A trial reads each arm's control topic (mode, pose_ref, twist_ref, wrench_ff, beta), its posture joint and the metadata
+record `plan`; the monitor reads q, dq and O_F_ext_hat_K.
 """
 
 import json
@@ -39,13 +38,11 @@ def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recordin
         raise ReferenceError(f"{log.path}: the plan has not one point every {period_s:g} s: plan it again")
     points, felt = np.zeros((len(controls), n), POINT), np.zeros((len(controls), n), MEASURED)
     for arm, (control, sample) in enumerate(zip(controls, samples, strict=True)):
-        points[arm]["position"] = control["pose_ref"][:, :3]
-        points[arm]["rotation"] = [rotation_from_quaternion(pose[3:]) for pose in control["pose_ref"]]
-        points[arm]["twist"] = control["twist_ref"]
-        points[arm]["wrench_ff"] = control["wrench_ff"]
-        points[arm]["beta"] = control["beta"]
-        points[arm]["xi"] = sample["q"][:, posture_joint]
-        points[arm]["dxi"] = sample["dq"][:, posture_joint]
+        point, pose = points[arm], control["pose_ref"]
+        point["position"], point["rotation"] = pose[:, :3], [rotation_from_quaternion(each[3:]) for each in pose]
+        for name, values in (("twist", "twist_ref"), ("wrench_ff", "wrench_ff"), ("beta", "beta")):
+            point[name] = control[values]
+        point["xi"], point["dxi"] = sample["q"][:, posture_joint], sample["dq"][:, posture_joint]
         R_world_base = points[arm]["rotation"][0] @ sample["O_T_EE"][0, :3, :3].T
         felt[arm]["q"], felt[arm]["dq"] = sample["q"], sample["dq"]
         felt[arm]["force"] = -sample["O_F_ext_hat_K"][:, :3] @ R_world_base.T
