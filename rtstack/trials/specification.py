@@ -103,8 +103,7 @@ class TrialSpecification(_Asked):
     None: the cell's. shadow: torques are computed, judged and logged on the states of the arms, and none is sent.
     """
 
-    kind: ClassVar[str] = "trial"
-    verb: ClassVar[str] = "trial"
+    kind = verb = "trial"
     words: ClassVar[str] = "{0.controller}, {0.object}, {0.displacement.in_words}, seed {0.seed}"
     stem: ClassVar[str] = "trial-{0.controller}-{0.object}"
     reference: FileName
@@ -138,8 +137,7 @@ class DemonstrationSpecification(_Asked):
     TrialSpecification.
     """
 
-    kind: ClassVar[str] = "demonstration"
-    verb: ClassVar[str] = "demonstration"
+    kind = verb = "demonstration"
     words: ClassVar[str] = "{0.object}, variation {0.variation}, seed {0.seed}"
     stem: ClassVar[str] = "demonstration-{0.object}"
     object: ObjectName = "rice_box"
@@ -189,8 +187,7 @@ class SweepSpecification(_Asked):
     reach.
     """
 
-    kind: ClassVar[str] = "identification"
-    verb: ClassVar[str] = "identification"
+    kind = verb = "identification"
     object: ObjectOrNone
     joint: Annotated[int, Field(ge=0, le=7)]
     run: Annotated[int, Field(ge=0)]
@@ -204,8 +201,7 @@ class HitSpecification(_Asked):
     robot: number of the simulated arm; seed: of noise and of how exactly the platform is set up.
     """
 
-    kind: ClassVar[str] = "hit"
-    verb: ClassVar[str] = "hit"
+    kind = verb = "hit"
     needs_object: ClassVar[bool] = False
     plan: str
     inclination_deg: StrictFloat
@@ -221,8 +217,7 @@ class FreeRunSpecification(_Asked):
     reference: its name; part: ante or post; seed: of the noise; robot: number of the simulated arms.
     """
 
-    kind: ClassVar[str] = "identification"
-    verb: ClassVar[str] = "identification"
+    kind = verb = "identification"
     needs_object: ClassVar[bool] = False
     reference: FileName
     part: str
@@ -272,8 +267,7 @@ class PlaybackSpecification(_Asked):
     object: empty: a playback has no contact.
     """
 
-    kind: ClassVar[str] = "playback"
-    verb: ClassVar[str] = "playback"
+    kind = verb = "playback"
     needs_object: ClassVar[bool] = False
     source: FileName
     speed: Speed = 1.0
@@ -301,8 +295,7 @@ _MOTION_TITLES = {HandMotion.START: "go to start", HandMotion.PUT_DOWN: "put it 
 class MoveSpecification(_Asked):
     """One motion from the present configuration. object: what the cell holds."""
 
-    kind: ClassVar[str] = "move"
-    verb: ClassVar[str] = "move"
+    kind = verb = "move"
     needs_object: ClassVar[bool] = False
     motion: HandMotion
     object: ObjectOrNone = ""
@@ -324,8 +317,7 @@ class MoveSpecification(_Asked):
 class GuideSpecification(_Asked):
     """A person pushes the arms, in a fault too, which stays. seconds: of the robot's time at most; None: no limit."""
 
-    kind: ClassVar[str] = "guide"
-    verb: ClassVar[str] = "guide"
+    kind = verb = "guide"
     words: ClassVar[str] = "by hand"
     needs_object: ClassVar[bool] = False
     by_hand: ClassVar[bool] = True
