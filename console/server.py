@@ -9,6 +9,8 @@ import uvicorn
 from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from console.connections import AT_ONCE
+
 _MAX_MESSAGE_BYTES = 1 << 20  # of a WebSocket
 PATIENCE_S = 10.0  # for a request to arrive whole: a body is small, and this machine's
 
@@ -52,6 +54,7 @@ def server_settings(app: FastAPI, tls: ssl.SSLContext | None = None) -> uvicorn.
     return uvicorn.Config(
         app,
         lifespan="on",
+        backlog=AT_ONCE,
         log_level="error",  # a warning is a line for each request that is none
         access_log=False,
         http=PatientProtocol,

@@ -35,7 +35,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from console.connections import Door, welcome
+from console.connections import AT_ONCE, Door, welcome
 
 _STRANGERS = 16  # connections without the secret at a time: nothing but the proxy has to connect here
 _KEPT = 8  # windows: pages are at most a few of them apart
@@ -131,7 +131,7 @@ def _guarded(secret: str) -> Iterator[None]:
             await handler(connection)
 
         door = Door(socket.create_server((host, port)), _STRANGERS)
-        return serve(named, sock=door, process_request=check, **more)
+        return serve(named, sock=door, backlog=AT_ONCE, process_request=check, **more)
 
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a traceback for each client that says nothing
     websockets.asyncio.server.serve = guarded_serve  # type: ignore[misc,assignment]

@@ -13,6 +13,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 import console.connections
+import console.server
 from console.connections import OF_ONE_SESSION
 from console.scene.scenes import Detail
 from rtstack.access.tokens import Scope
@@ -30,7 +31,7 @@ async def answer(reader, writer):
 async def main():
     connections._RESERVED = -200 if sys.argv[1] == "beyond" else 40
     door = connections.Door(socket.create_server(("127.0.0.1", 0)))
-    server = await asyncio.start_server(answer, sock=door)
+    server = await asyncio.start_server(answer, sock=door, backlog=connections.AT_ONCE)
     print(server.sockets[0].getsockname()[1], flush=True)
     await asyncio.sleep(600)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
@@ -42,6 +43,7 @@ asyncio.run(main())
 def small(tmp_path, monkeypatch):
     """A console with room for ROOM connections."""
     monkeypatch.setattr(console.connections, "_CONNECTIONS", ROOM)
+    monkeypatch.setattr(console.connections, "_SILENCE_S", 1)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     (tmp_path / "logs").mkdir()
     with serve_console(tmp_path / "logs") as served:
@@ -82,7 +84,7 @@ def test_strangers_make_room_for_stop_and_no_session_does(small, first):
 
 
 def test_clients_that_say_nothing_are_disconnected(small, monkeypatch):
-    monkeypatch.setattr(console.connections, "_SILENCE_S", 0.2)
+    monkeypatch.setattr(console.server, "PATIENCE_S", 0.2)
     with ExitStack() as stack:
         silent = [stack.enter_context(create_connection(("127.0.0.1", small.port), 60.0)) for _ in range(8)]
         wait_for(lambda: not any(map(is_open, silent)))
