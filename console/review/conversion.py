@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,28 +29,17 @@ _NS = 1e-9
 _MODES, _LEVELS = ({int(member): member.name for member in kind} for kind in (Mode, Level))
 
 
-class _Modes:
-    """Follows one arm's mode and keeps where it changed."""
-
-    def __init__(self, start_ns: int) -> None:
-        self._start_ns = start_ns
-        self.spans: list[tuple[float, float, str]] = []
-
-    def add(self, records: NDArray) -> None:
-        """Continue with the next records of /side/control."""
-        if not len(records):
-            return
-        t_s = (records["t_ns"] - self._start_ns) * _NS
-        changes = np.flatnonzero(np.diff(records["mode"])) + 1
-        starts = [0, *changes.tolist()]
-        for start, end in zip(starts, [*changes.tolist(), len(records) - 1], strict=True):
-            mode = _MODES.get(int(records["mode"][start]), "UNKNOWN")
-            if self.spans and self.spans[-1][2] == mode:
-                self.spans[-1] = (self.spans[-1][0], float(t_s[end]), mode)
-            else:
-                if self.spans:
-                    self.spans[-1] = (self.spans[-1][0], float(t_s[start]), self.spans[-1][2])
-                self.spans.append((float(t_s[start]), float(t_s[end]), mode))
+def _follow(spans: list[tuple[float, float, str]], records: NDArray, start_ns: int) -> None:
+    """Continue an arm's modes, (from s, to s, mode), with the next records of /side/control."""
+    edges = [0, *(np.flatnonzero(np.diff(records["mode"])) + 1).tolist()][: len(records)]
+    for start, end in pairwise([*edges, len(records) - 1]):
+        from_s, to_s = ((int(records["t_ns"][row]) - start_ns) * _NS for row in (start, end))
+        mode = _MODES.get(int(records["mode"][start]), "UNKNOWN")
+        if spans:
+            since_s, _, last = spans[-1]
+            spans[-1] = since_s, to_s if mode == last else from_s, last
+        if not spans or spans[-1][2] != mode:
+            spans.append((from_s, to_s, mode))
 
 
 def _marks(records: Iterable[Any], start_ns: int) -> list[Mark]:
@@ -78,7 +68,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) ->
     counts |= {topic: log.count(arm) for topic, arm in zip(DERIVED_TOPICS, ARM_TOPICS, strict=True)}
     writers = {topic: ColumnWriter(folder, topic, count) for topic, count in counts.items() if count}
     deriving = DerivedBatches(log)
-    modes = {side: _Modes(log.start_ns) for side in sides}
+    modes: dict[str, list[tuple[float, float, str]]] = {side: [] for side in sides}
     events = list(index.events)
 
     def append(found: Iterable[tuple[str, NDArray]]) -> None:
@@ -93,10 +83,11 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) ->
                 raise SystemExit(1)  # the parent has gone, and starts again
             events += _marks(batch.records.get(EVENT_TOPIC, ()), log.start_ns)
             append((*batch.records.items(), *deriving.add(batch.records)))
-            for side in sides:
-                modes[side].add(batch.records.get(CONTROL_TOPICS[SIDES.index(side)], np.zeros(0)))
-            marks, spans = sorted(events, key=lambda mark: mark.t_s), {side: modes[side].spans for side in sides}
-            index = replace(index, rows=_rows(topics, writers), share=batch.share, events=marks, modes=spans)
+            for side, topic in zip(SIDES, CONTROL_TOPICS, strict=True):
+                if side in modes and topic in batch.records:
+                    _follow(modes[side], batch.records[topic], log.start_ns)
+            marks = sorted(events, key=lambda mark: mark.t_s)
+            index = replace(index, rows=_rows(topics, writers), share=batch.share, events=marks, modes=modes)
             index.write(folder)
             if number == 0:
                 begun()
