@@ -10,7 +10,6 @@ from pathlib import Path
 
 _PAGE = Path(__file__).with_name("recovery.md")
 _ROW = re.compile(r"\| `(?P<name>[^`]+)` \|(?P<cells>.+)\|$")
-_SAME = "recover, look at the log for what was commanded, and report it"  # what the page says of *the same*
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,8 @@ def chapters() -> tuple[Chapter, ...]:
         rows: list[Remedy] = []
         for match in filter(None, map(_ROW.match, text.splitlines())):
             *cause, todo = (_plain(cell) for cell in match["cells"].split(" | "))
-            rows.append(_row(match["name"], "".join(cause), todo, rows, found))
+            anchor = re.sub(r"\W+", "-", match["name"].lower()).strip("-")
+            rows.append(Remedy(match["name"], anchor, "".join(cause), todo))
         if rows:
             found.append(Chapter(title, tuple(rows)))
     return tuple(found)
@@ -54,21 +54,6 @@ def remedy_of(reason: str | None) -> Remedy | None:
     rows = [row for row in rows if not any(row.name in other.name for other in rows if other is not row)]
     # the vendor's and the judge's names come first on the page, and say more than how the session ended
     return rows[0] if rows else None
-
-
-def _row(name: str, cause: str, todo: str, before: list[Remedy], chapters_before: list[Chapter]) -> Remedy:
-    """Return a row in which *as above*, *the same* and *as for NAME* are what they stand for."""
-    known = {row.name: row for row in (*(row for chapter in chapters_before for row in chapter.rows), *before)}
-    like = re.match(r"as for (\w+)", todo)
-    if todo.startswith("the same"):
-        todo = _SAME + todo.removeprefix("the same")
-    elif like is not None:
-        todo = known[like[1]].todo
-    elif todo.startswith("as above") and before:
-        todo = before[-1].todo + todo.removeprefix("as above")
-    if cause.startswith("as above") and before:
-        cause = before[-1].cause + cause.removeprefix("as above")
-    return Remedy(name, re.sub(r"\W+", "-", name.lower()).strip("-"), cause, todo)
 
 
 def _plain(cell: str) -> str:
