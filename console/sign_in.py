@@ -3,10 +3,12 @@ its bearer token. Kept in memory: a restart signs every browser out.
 """
 
 import hmac
+import itertools
 import secrets
 import threading
 import time
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from console.address import Address
 from console.refused import Refused
@@ -89,9 +91,7 @@ class SignIn:
         token = secrets.token_urlsafe(24)
         with self._lock:
             self._drop_old_invitations()
-            invited = [other for other in self._open if other != self._token]
-            for oldest in invited[: max(0, len(invited) - _MAX_INVITATIONS + 1)]:
-                del self._open[oldest]
+            _make_room(self._open, [other for other in self._open if other != self._token], _MAX_INVITATIONS)
             self._open[token] = scope, _now_s() + INVITATION_S
         return token
 
@@ -149,8 +149,7 @@ class SignIn:
         instead_of: what the browser was signed in as; it ends.
         """
         with self._lock:
-            self._drop_old_invitations()
-            known = next((own for own in self._open if _same(token, own)), None)
+            known = self._offered(token)
             if known is None:
                 return None
             scope, _ = self._open.pop(known)
@@ -161,8 +160,7 @@ class SignIn:
     def is_open(self, token: str) -> bool:
         """Whether a one-time token would sign a browser in."""
         with self._lock:
-            self._drop_old_invitations()
-            return any(_same(token, own) for own in self._open)
+            return self._offered(token) is not None
 
     def program(self, word: str) -> UserSession | None:
         """Return the session of a bearer token, None where it is none of ours. Waits for no disk to write."""
@@ -193,9 +191,7 @@ class SignIn:
             return None
         with self._lock:
             session = self._sessions.get(key)
-            if session is None:
-                return None
-            if session.ends_s < _now_s() or not self._may_go_on(session):
+            if session is not None and not self._lasts(session):
                 self._forget(session)
                 return None
             return session
@@ -238,42 +234,45 @@ class SignIn:
         if instead_of is not None:
             self._forget(instead_of)
         browsers = [key for key, other in self._sessions.items() if other.token is None]
-        for key in browsers[: max(0, len(browsers) - _MAX_SESSIONS + 1)]:
-            del self._sessions[key]
-        self._sessions[session.key] = session
-        for oldest in list(self._stoppers)[: max(0, len(self._stoppers) - _MAX_SESSIONS + 1)]:
-            del self._stoppers[oldest]
-        self._stoppers[session.stop] = session
+        _make_room(self._sessions, browsers, _MAX_SESSIONS)
+        _make_room(self._stoppers, list(self._stoppers), _MAX_SESSIONS)
+        self._sessions[session.key] = self._stoppers[session.stop] = session
         return session
 
-    def _may_go_on(self, session: UserSession) -> bool:
-        return session.token is None or self.tokens.get(session.token) is not None
+    def _lasts(self, session: UserSession) -> bool:
+        return session.ends_s >= _now_s() and (session.token is None or self.tokens.get(session.token) is not None)
 
     def _forget(self, session: UserSession) -> None:
         self._sessions.pop(session.key, None)
         if session.token is not None:
             self._programs.pop(session.token, None)
 
+    def _offered(self, token: str) -> str | None:
+        self._drop_old_invitations()
+        return next((own for own in self._open if _same(token, own)), None)
+
     def _drop_old_invitations(self) -> None:
         now_s = _now_s()
         self._open = {token: (scope, ends_s) for token, (scope, ends_s) in self._open.items() if ends_s >= now_s}
 
     def _has(self, operator: str, but: str = "") -> bool:
-        now_s = _now_s()
         others = (other for key, other in self._sessions.items() if key != but and other.operator == operator)
-        return any(other.ends_s >= now_s and self._may_go_on(other) for other in others)
+        return any(map(self._lasts, others))
 
     def _free_name(self, wanted: str) -> str:
-        name, number = wanted, 1
-        while self._has(name):
-            number += 1
-            name = f"{wanted} ({number})"
-        return name
+        names = itertools.chain([wanted], (f"{wanted} ({number})" for number in itertools.count(2)))
+        return next(name for name in names if not self._has(name))
 
 
 def csrf_matches(session: UserSession, word: str | None) -> bool:
     """Whether a request carries the session's word."""
     return word is not None and _same(word, session.csrf)
+
+
+def _make_room(kept: dict[str, Any], counted: list[str], most: int) -> None:
+    """Remove the oldest ones of those that count, so that one more has room."""
+    for oldest in counted[: max(0, len(counted) - most + 1)]:
+        del kept[oldest]
 
 
 def _same(left: str, right: str) -> bool:
