@@ -15,10 +15,13 @@ from rtstack.cli.tables import print_table
 from rtstack.log.errors import LogError
 
 if TYPE_CHECKING:
-    from rtstack.datasets.export import Format
     from rtstack.datasets.selection import Candidate
 
 commands = typer.Typer()
+_FILTER = (
+    "As in `rtstack logs list` and on the page Logs: 'object=rice_box tag=good operator=anna verdict=kept "
+    "date>=2026-11-26 date<2026-11-27T08:30' (UTC)."
+)
 
 
 @commands.command()
@@ -30,15 +33,7 @@ def export(
         Path, typer.Argument(metavar="OUT", help="A folder for lerobot and zarr, a file for hdf5; it must not exist.")
     ],
     to: Annotated[Literal["lerobot", "hdf5", "zarr"], typer.Option("--to", help="The form of the data set.")],
-    words: Annotated[
-        str,
-        typer.Option(
-            "--filter",
-            metavar="WORDS",
-            help="As in `rtstack logs list` and on the page Logs: 'object=rice_box tag=good operator=anna verdict=kept "
-            "date>=2026-11-26 date<2026-11-27T08:30' (UTC).",
-        ),
-    ] = "",
+    words: Annotated[str, typer.Option("--filter", metavar="WORDS", help=_FILTER)] = "",
     failed: Annotated[bool, typer.Option("--failed", help="Take runs that failed or have no result, too.")] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="List what would be taken, and why not. Write nothing.")
@@ -62,9 +57,7 @@ def export(
         raise LogError("--no-ticks is of lerobot and zarr: hdf5 has every sample")
     if to != "lerobot" and video:
         raise LogError("--video is of lerobot: zarr has pictures as arrays, hdf5 has none")
-    form: Format = Hdf5() if to == "hdf5" else LeRobot(fps, not no_ticks, video)
-    if to == "zarr":
-        form = Zarr(fps, not no_ticks)
+    form = Hdf5() if to == "hdf5" else Zarr(fps, not no_ticks) if to == "zarr" else LeRobot(fps, not no_ticks, video)
     began_s = time.perf_counter()
     try:
         with progress_bar("exporting", not json) as progress:
@@ -104,15 +97,11 @@ def _say_left_out(candidates: "Sequence[Candidate]") -> None:
 
 
 def _cells(candidate: "Candidate") -> tuple[str, ...]:
-    row = candidate.row
-    told = () if row is None else (row.kind, row.controller, row.object, row.episode_verdict)
-    words = [str(each or "") for each in (*told, *[""] * (4 - len(told)))]
-    return (
-        candidate.path.name,
-        (candidate.recorded or "")[:19],
-        *words,
-        f"no: {candidate.why}" if candidate.why else "yes",
-    )
+    words = [
+        str(getattr(candidate.row, name, None) or "") for name in ("kind", "controller", "object", "episode_verdict")
+    ]
+    taken = f"no: {candidate.why}" if candidate.why else "yes"
+    return candidate.path.name, (candidate.recorded or "")[:19], *words, taken
 
 
 @commands.command("import")

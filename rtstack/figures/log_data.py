@@ -24,13 +24,8 @@ def figure_log(path: Path, wanted: Sequence[Signal]) -> FigureLog:
         topic: derived(log, topic) if topic in DERIVED_TOPICS else log.topic(topic)
         for topic in dict.fromkeys(signal.topic for signal in wanted)
     }
-    return FigureLog(
-        path.stem,
-        tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted),
-        tuple(mode_spans(log)),
-        impacts_of(log),
-        sides=log.sides,
-    )
+    traces = tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted)
+    return FigureLog(path.stem, traces, tuple(mode_spans(log)), impacts_of(log), sides=log.sides)
 
 
 def impacts_of(log: Log) -> tuple[tuple[float, str], ...]:

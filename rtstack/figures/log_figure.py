@@ -90,12 +90,8 @@ def panes_of(logs: Sequence[FigureLog]) -> list[Pane]:
     for field, members in fields.items():
         own = [signal for signal in members if signal.field == field] or members
         units = ", ".join(dict.fromkeys(signal.unit for signal in own if signal.unit))
-        lines = [
-            _line(log, place, trace, members, own)
-            for place, log in enumerate(logs)
-            for trace in log.traces
-            if trace.signal in members
-        ]
+        lines = [_line(log, place, trace, members, own)
+                 for place, log in enumerate(logs) for trace in log.traces if trace.signal in members]  # fmt: skip
         panes.append(Pane(own[0].plain + (f", {units}" if units else ""), tuple(lines)))
     return panes
 

@@ -18,18 +18,11 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#0
 MARKERS = "osD^vP*"
 BAND_ALPHA = 0.13
 STYLE: Any = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.5,
-    "lines.linewidth": 1.2,
-    "legend.frameon": False,
-    "savefig.dpi": 150,
+    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#dddddd",
+    "grid.linewidth": 0.5, "lines.linewidth": 1.2, "legend.frameon": False, "savefig.dpi": 150,
     "pdf.fonttype": 42,  # whole TrueType fonts in the file: publishers refuse Matplotlib's Type 3
     "svg.hashsalt": "rtstack",  # else each run has other ids
-}
+}  # fmt: skip
 FORMATS = ("pdf", "svg", "png")
 _UNSAID: dict[str, dict[str, None]] = {  # what a file would say of the program and of the time at which it was made
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
