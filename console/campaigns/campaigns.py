@@ -97,8 +97,7 @@ class Campaigns:
         self._ending.set()
         self._thread.join()
         with self._lock:
-            running = self._running
-            if running is not None:
+            if (running := self._running) is not None:
                 self._interrupt(running)
                 try:
                     running.process.wait(_END_S)
@@ -111,9 +110,8 @@ class Campaigns:
         """Begin a campaign in a folder of its own. Raises Refused while another one runs."""
         with self._lock:
             self._free()
-            folder = self._new_folder(
-                f"{time.strftime('%Y%m%d-%H%M%SZ', time.gmtime())}-{Path(name).stem}{'-quick' * quick}"
-            )
+            began = time.strftime("%Y%m%d-%H%M%SZ", time.gmtime())
+            folder = self._new_folder(f"{began}-{Path(name).stem}{'-quick' * quick}")
             try:
                 self._directory.mkdir(exist_ok=True)
                 asked = Asked(name, quick, time.time(), on_cell)
@@ -221,20 +219,13 @@ class Campaigns:
         ended = state is CampaignState.INTERRUPTED
         figures = folder.figures()
         return like(
-            CampaignView,
-            asked,
-            stage,
-            id=folder.id,
-            state=state,
-            stage=stage.label,
+            CampaignView, asked, stage, id=folder.id, state=state, stage=stage.label,
             time_left_s=self._time_left_s(stage) if state is CampaignState.RUNNING else None,
             message=folder.last_line() if state is CampaignState.FAILED or (ended and asked.on_cell) else "",
-            report=folder.report is not None,
-            preliminary=folder.report is None and bool(figures),
+            report=folder.report is not None, preliminary=folder.report is None and bool(figures),
             figures=tuple(Figure(key, path.stem, path.stat().st_mtime) for key, path in figures.items()),
-            claims=tuple(folder.claims()),
-            paused=state is CampaignState.RUNNING and folder.pause.exists(),
-        )
+            claims=tuple(folder.claims()), paused=state is CampaignState.RUNNING and folder.pause.exists(),
+        )  # fmt: skip
 
     def _state(self, folder: CampaignFolder, stage: Stage) -> CampaignState:
         running = self._alive()
@@ -245,19 +236,17 @@ class Campaigns:
         return CampaignState.INTERRUPTED if folder.path.is_dir() else CampaignState.FAILED
 
     def _time_left_s(self, stage: Stage) -> float | None:
-        running = self._running
-        if running is None or running.since is None or stage.total is None or running.since[0] != stage.label:
+        if self._running is None or self._running.since is None or stage.total is None:
             return None
-        _, since_s, before = running.since
-        if stage.done <= before:
+        label, since_s, before = self._running.since
+        if label != stage.label or stage.done <= before:
             return None
         return (stage.total - stage.done) * (time.monotonic() - since_s) / (stage.done - before)
 
     def _watch(self) -> None:
         while not self._ending.wait(_WATCH_S):
             with self._lock:
-                running = self._alive()
-                if running is not None:
-                    stage, now_s = running.folder.stage(), time.monotonic()
+                if (running := self._alive()) is not None:
+                    stage = running.folder.stage()
                     if running.since is None or running.since[0] != stage.label:
-                        running.since = (stage.label, now_s, stage.done)
+                        running.since = stage.label, time.monotonic(), stage.done

@@ -25,9 +25,7 @@ _TAIL_BYTES = 4096
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class Asked:
-    """What was asked for: a plan by name, all of it or its sample, begun at this Unix time; on_cell: on the arms of the
-    stack, not simulated.
-    """
+    """A plan by name, all of it or its sample, begun at this Unix time; on_cell: on the stack's arms, not simulated."""
 
     name: str
     quick: StrictBool
@@ -37,9 +35,7 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What is being done, and how much of it is done; total is None before that was said. says: what a person is to do
-    or to know; next: the case after the one that runs on arms.
-    """
+    """What is done, how far; total is None before it is known. says: what a person is to do; next: case after it."""
 
     label: str
     done: int

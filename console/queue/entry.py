@@ -116,11 +116,8 @@ class SweepOrder(_Common):
 
     def trials(self) -> list[TrialOrder]:
         """Return the trials in the order in which they will run. Raises Refused."""
-        places = product(
-            numbers("displacements_mm", self.displacements_mm, MOST_SHIFT_MM),
-            numbers("displacements_x_mm", self.displacements_x_mm, MOST_SHIFT_MM),
-            numbers("yaws_deg", self.yaws_deg, MOST_TURN_DEG),
-        )
+        most = {"displacements_mm": MOST_SHIFT_MM, "displacements_x_mm": MOST_SHIFT_MM, "yaws_deg": MOST_TURN_DEG}
+        places = product(*(numbers(name, getattr(self, name), limit) for name, limit in most.items()))
         seeds = whole("seeds", self.seeds)
         combinations = product(dict.fromkeys(self.objects), places, seeds, dict.fromkeys(self.controllers))
         varied = [(thing, controller, *place, seed) for thing, place, seed, controller in combinations]

@@ -46,8 +46,6 @@ class Queue:
         self.past_failures = False
         self._reason: str | None = _FRESH if self._entries else _EMPTY
 
-    # what is in it
-
     def view(self) -> QueueView:
         """Return how it is now."""
         with self._lock:
@@ -79,10 +77,7 @@ class Queue:
             return self._keep([*self._entries, *added])
 
     def move(self, entry_id: str, to: int) -> QueueView:
-        """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last.
-
-        Raises Refused for an entry that is not there, as all do, and for one that does not wait.
-        """
+        """Move a waiting entry to a place among those that wait: 0 is next. Raises Refused for any other entry."""
         with self._lock:
             entry = self._waiting(entry_id)
             others = [other for other in self._entries if other.id != entry_id]
@@ -111,12 +106,10 @@ class Queue:
     def entry(self, entry_id: str) -> Entry:
         """Return an entry. Raises Refused."""
         with self._lock:
-            known = next((entry for entry in self._entries if entry.id == entry_id), None)
-            if known is None:
-                raise Refused(404, "there is no such entry in the queue; look at the list again")
-            return known
-
-    # whether it runs
+            for entry in self._entries:
+                if entry.id == entry_id:
+                    return entry
+        raise Refused(404, "there is no such entry in the queue; look at the list again")
 
     def start(self, operator: str, past_failures: bool) -> None:
         """Let it run on this operator's word. Raises Refused where nothing waits, or it runs on another's."""
@@ -133,17 +126,17 @@ class Queue:
             if self.operator is not None:
                 self.operator, self._reason = None, reason
 
-    # for the runner
-
     def running(self) -> Entry | None:
         """Return the entry that runs."""
-        with self._lock:
-            return next((entry for entry in self._entries if entry.state is EntryState.RUNNING), None)
+        return self._first(EntryState.RUNNING)
 
     def next(self) -> Entry | None:
         """Return the entry whose turn it is."""
+        return self._first(EntryState.WAITING)
+
+    def _first(self, state: EntryState) -> Entry | None:
         with self._lock:
-            return next((entry for entry in self._entries if entry.state is EntryState.WAITING), None)
+            return next((entry for entry in self._entries if entry.state is state), None)
 
     def claim(self, entry_id: str, operator: str) -> bool:
         """Mark an entry as running before it is ordered; False where it was changed or paused meanwhile."""
@@ -202,9 +195,7 @@ def time_left_s(entries: Sequence[Entry], now_s: float) -> float | None:
     """Return how long what waits and runs will take, s: the mean of what has ended, of the same reference if any."""
     measured = [e for e in entries if e.duration_s is not None and e.state is not EntryState.STOPPED]
     left = 0.0
-    for entry in entries:
-        if entry.final:
-            continue
+    for entry in (each for each in entries if not each.final):
         same = [e for e in measured if e.trial.reference == entry.trial.reference] or measured
         if not same:
             return None

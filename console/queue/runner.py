@@ -31,10 +31,7 @@ class QueueRunner:
     def __init__(
         self, queue: Queue, client: RobotClient, catalogue: Catalogue, learn: Callable[[Status], object]
     ) -> None:
-        self._queue = queue
-        self._client = client
-        self._catalogue = catalogue
-        self._learn = learn
+        self._queue, self._client, self._catalogue, self._learn = queue, client, catalogue, learn
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True, name="queue")
         self._thread.start()
@@ -113,19 +110,15 @@ class QueueRunner:
             self._end(entry, job, status)
 
     def _end(self, entry: Entry, job: Job, status: Status) -> None:
-        queue = self._queue
-        if job.state is JobState.STOPPED:
-            state = EntryState.STOPPED
-        else:
-            state = EntryState.SUCCEEDED if job.success else EntryState.FAILED
+        state = EntryState.SUCCEEDED if job.success else EntryState.FAILED
+        state = EntryState.STOPPED if job.state is JobState.STOPPED else state
         reason = None if state is EntryState.SUCCEEDED else job.reason or f"the trial was {state}"
-        pause = self._why_pause(state, reason, job, status)
-        if pause is not None:
-            queue.pause(pause)
+        if (pause := self._why_pause(state, reason, job, status)) is not None:
+            self._queue.pause(pause)
         began_s, log = job.started_s, None
         with contextlib.suppress(LogError):
             log = next((entry for entry in self._catalogue.entries() if entry.path.name == job.log), None)
-        queue.note(
+        self._queue.note(
             entry.id, state=state, reason=reason, log=None if log is None else log.id, began_s=began_s,
             duration_s=max(0.0, time.time() - began_s), ending=None if log is None else log_row(log, None).ending,
         )  # fmt: skip

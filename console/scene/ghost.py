@@ -42,10 +42,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class GhostView:
-    """For a page: what is shown, where it is, s of the motion's time, of how many, at which share of the robot's time.
-
-    impact_s: of the same time, None where nothing was met.
-    """
+    """What is shown, at which of how many s of the motion, at which share of its speed; impact_s: None without one."""
 
     shown: Shown
     t_s: float

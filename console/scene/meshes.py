@@ -1,8 +1,7 @@
 """The arm's shape for drawing: meshes where the model has some that are installed, plain capsules otherwise.
 
 Source of the meshes: the package example-robot-data, in the folder that the model names (key `meshes` of its TOML): a
-Panda's fit the FR3's kinematics. Its Collada files are read here, as
-far as they go: triangles, one transform a node, one diffuse colour a material.
+Panda's fit the FR3. Of its Collada files are read: triangles, one transform a node, one diffuse colour a material.
 """
 
 import sysconfig
@@ -87,7 +86,7 @@ def coarse(part: Part, cell_m: float) -> Part:
 def capsule_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the plain shapes of our own description of a link."""
     parts = []
-    for shape in [one for one in shapes_in(model.urdf) if one.link == link]:
+    for shape in (one for one in shapes_in(model.urdf) if one.link == link):
         width, _, length = shape.size
         if shape.kind == "sphere":
             mesh = trimesh.creation.icosphere(subdivisions=1, radius=width / 2.0)
@@ -113,11 +112,9 @@ def read_collada(path: Path) -> list[Part]:
         if instance is None:
             continue
         transform = np.eye(4) if matrix is None else np.array((matrix.text or "").split(), np.float64).reshape(4, 4)
-        bound = {
-            binding.attrib["symbol"]: binding.attrib["target"].removeprefix("#")
-            for binding in instance.iter(f"{_C}instance_material")
-        }
-        geometry = geometries[instance.attrib["url"].removeprefix("#")]
+        bindings = instance.iter(f"{_C}instance_material")
+        bound = {binding.attrib["symbol"]: _id(binding, "target") for binding in bindings}
+        geometry = geometries[_id(instance, "url")]
         for triangles in (*geometry.iter(f"{_C}triangles"), *geometry.iter(f"{_C}polylist")):
             positions, faces = _triangles(geometry, triangles)
             world = positions @ transform[:3, :3].T + transform[:3, 3]
@@ -137,26 +134,27 @@ def _triangles(
     corners = indices[:, int(vertex.attrib["offset"])]
     if corners.size % 3:
         raise ValueError("a polygon with more than three corners")
-    vertices = geometry.find(f".//{_C}vertices[@id='{vertex.attrib['source'].removeprefix('#')}']/{_C}input")
+    vertices = geometry.find(f".//{_C}vertices[@id='{_id(vertex, 'source')}']/{_C}input")
     assert vertices is not None
-    source = geometry.find(f".//{_C}source[@id='{vertices.attrib['source'].removeprefix('#')}']/{_C}float_array")
-    assert source is not None
-    return np.array((source.text or "").split(), np.float64).reshape(-1, 3), corners.reshape(-1, 3)
+    positions = geometry.findtext(f".//{_C}source[@id='{_id(vertices, 'source')}']/{_C}float_array") or ""
+    return np.array(positions.split(), np.float64).reshape(-1, 3), corners.reshape(-1, 3)
 
 
 def _colours(document: ElementTree.Element) -> dict[str, tuple[int, int, int]]:
     diffuse = {}
     for effect in document.iter(f"{_C}effect"):
-        colour = effect.find(f".//{_C}diffuse/{_C}color")
-        if colour is not None:
-            red, green, blue = (round(255 * float(value)) for value in (colour.text or "").split()[:3])
+        if colour := effect.findtext(f".//{_C}diffuse/{_C}color"):
+            red, green, blue = (round(255 * float(value)) for value in colour.split()[:3])
             diffuse[effect.attrib["id"]] = (red, green, blue)
     colours = {}
     for material in document.iter(f"{_C}material"):
         instance = material.find(f"{_C}instance_effect")
-        effect = "" if instance is None else instance.attrib["url"].removeprefix("#")
-        colours[material.attrib["id"]] = diffuse.get(effect, _PLAIN)
+        colours[material.attrib["id"]] = _PLAIN if instance is None else diffuse.get(_id(instance, "url"), _PLAIN)
     return colours
+
+
+def _id(element: ElementTree.Element, key: str) -> str:
+    return element.attrib[key].removeprefix("#")
 
 
 def _installed(model: RobotModel, name: str) -> Path | None:

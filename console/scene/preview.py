@@ -32,8 +32,7 @@ class Preview:
 
     def __init__(self, cell_file: Path, ghost: GhostPlayer, profile: str = "") -> None:
         """profile: of the simulated robot that previews; ideal, where the cell's is not known."""
-        self._cell_file, self._ghost = cell_file, ghost
-        self._profile = profile or "ideal"
+        self._cell_file, self._ghost, self._profile = cell_file, ghost, profile or "ideal"
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self.view = PreviewView(False)
@@ -43,11 +42,8 @@ class Preview:
         self.close()
         asked = like(TrialSpecification, order, reference=str(reference)).as_dict()
         del asked["shadow"]  # what would be sent is simulated, too
-        command = [
-            "trial", "--json", "--profile", self._profile,
-            "--cell-file", str(self._cell_file),
-            *(f"--{name.replace('_', '-')}={value}" for name, value in asked.items() if value not in (None, {})),
-        ]  # fmt: skip
+        options = (f"--{name.replace('_', '-')}={value}" for name, value in asked.items() if value not in (None, {}))
+        command = ["trial", "--json", "--profile", self._profile, "--cell-file", str(self._cell_file), *options]
         self.view = PreviewView(True, line="is being simulated")
         threading.Thread(target=self._run, args=(command,), daemon=True, name="preview").start()
         return self.view
@@ -92,5 +88,5 @@ def _line(result: dict) -> str:
     if not result["success"]:
         return f"would fail: {result['failure_reason']}"
     force, verdict = result["average_force_norm"], result["impact_verdict"]
-    words = ["would succeed", "" if force is None else f"force norm {force:.1f}"]
-    return ", ".join(filter(None, [*words, "" if verdict is None else f"impact {verdict}"]))
+    words = "" if force is None else f"force norm {force:.1f}", "" if verdict is None else f"impact {verdict}"
+    return ", ".join(filter(None, ("would succeed", *words)))

@@ -37,9 +37,7 @@ def turned(joint: JointPlacement, angle: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Ghost:
-    """How something is drawn that is not here: in a path of its own, in one colour, seen through, with its edges; a
-    little larger, so that what is in the same place does not show through in patches.
-    """
+    """How something is drawn that is not here: in a path and colour of its own, seen through, a little larger."""
 
     path: str
     colour: tuple[int, int, int] | None
@@ -126,8 +124,7 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
 
 
 def _add_light_stage(scene: viser.SceneApi) -> None:
-    """Two plain lights and a floor of lines: viser's picture of a surrounding lit room, and its floor's shader over
-    half of the screen, hold software rendering up for long."""
+    """Draw plain lights and a floor of lines: viser's surroundings and floor shader hold software rendering up."""
     scene.configure_environment_map(None)
     scene.configure_default_lights(enabled=False)
     scene.add_light_ambient("/light/all", intensity=1.3)

@@ -32,15 +32,15 @@ class _LiveScene:
         self, cell: CellDescription, watch: Watch, teleop: TeleopInput, plans: TrialPlans, ghost: GhostPlayer,
         detail: Detail,
     ) -> None:  # fmt: skip
-        self.server = SceneServer()
-        add_stage(self.server.viser, cell, full=detail is Detail.FULL)
-        self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
-        self._gizmos = Gizmos(self.server.viser, cell, teleop)
-        self._experiment = ExperimentFigures(self.server.viser.scene, cell)
+        self.server, full = SceneServer(), detail is Detail.FULL
+        scene = self.server.viser.scene
+        add_stage(self.server.viser, cell, full)
+        self._scene, self._gizmos = CellFigures(scene, cell, full), Gizmos(self.server.viser, cell, teleop)
+        self._experiment = ExperimentFigures(scene, cell)
         self._watch, self._plans, self._player = watch, plans, ghost
-        self._ghost = CellFigures(self.server.viser.scene, cell, full=False, ghost=_GHOST)  # before it is needed
+        self._ghost = CellFigures(scene, cell, full=False, ghost=_GHOST)  # before it is needed
         self._ghost.set_visible(False)
-        self._frame_s = 1.0 / 30.0 if detail is Detail.FULL else 1.0 / 20.0  # how often it is brought up to date
+        self._frame_s = 1.0 / 30.0 if full else 1.0 / 20.0  # how often it is brought up to date
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
         self._thread.start()
@@ -54,17 +54,15 @@ class _LiveScene:
         while not self._ending.wait(self._frame_s):
             if not self.server.viser.get_clients():
                 continue  # no page shows it
-            q = self._watch.q()
             status = self._watch.view.status
             with self.server.viser.atomic():
-                if q is not None:
+                if (q := self._watch.q()) is not None:
                     self._scene.show_arms(q)
                 if status is not None:
                     self._scene.show_object(status.object, self._watch.object_pose())
                 self._experiment.show(*self._plans.current(status))
                 self._experiment.show_hits(self._watch.hits())
-                shown = self._player.pose()
-                if shown is None:
+                if (shown := self._player.pose()) is None:
                     self._ghost.set_visible(False)
                 else:
                     self._ghost.show_arms(shown[0])

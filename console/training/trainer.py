@@ -24,9 +24,7 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Exercise:
-    """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is about that says
-    more, empty for none.
-    """
+    """A fault. script: of it, without its moment; todo: in one line; row: of the runbook, empty for none."""
 
     name: str
     words: str
@@ -63,9 +61,8 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ExerciseView:
-    """What a page shows. fault: empty until it has come, where it is a surprise; did: what the operator did first, and
-    after_s: how long after the fault, s, negative before it; right: None until it is over. row: the
-    anchor of the runbook's row, empty for none.
+    """What a page shows. fault: empty for a surprise until it has come; did: what the operator did first; after_s: so
+    long after the fault, s; right: None until it is over; row: anchor of the runbook's row, empty for none.
     """
 
     stage: Stage
@@ -83,10 +80,8 @@ class Trainer:
     """One exercise at a time. May be used from any thread."""
 
     def __init__(self, watch: Watch, chance: random.Random | None = None) -> None:
-        self._watch = watch
-        self._chance = chance or random.Random()
-        self._lock = threading.Lock()
-        self._ending = threading.Event()
+        self._watch, self._chance = watch, chance or random.Random()
+        self._lock, self._ending = threading.Lock(), threading.Event()
         self.view: ExerciseView | None = None
 
     def choose(self, name: str) -> tuple[Exercise, float]:
@@ -135,9 +130,9 @@ class Trainer:
         return None
 
     def _over(self, exercise: Exercise, job: int, event: EventView | None, fault_s: float | None) -> None:
-        action = Action.GO_ON if event is None else _action(event) or Action.GO_ON
+        action = (event and _action(event)) or Action.GO_ON
         after_s = None if event is None or fault_s is None else event.seen_s - fault_s
-        early = event is not None and (fault_s is None or event.seen_s < fault_s)
+        early = event is not None and (after_s is None or after_s < 0.0)
         right = action is exercise.action and not early and (event is not None or fault_s is not None)
         if early:
             verdict = "too early: nothing was wrong yet"
@@ -162,6 +157,5 @@ class Trainer:
 
 def _action(event: EventView) -> Action | None:
     """What an operator did, by its event; None for anything else."""
-    if event.name != "operator":
-        return None
-    return next((action for words, action in _DONE.items() if words in event.text), None)
+    done = _DONE.items() if event.name == "operator" else ()
+    return next((action for words, action in done if words in event.text), None)

@@ -4,7 +4,7 @@ The numbers are what impact-aware grasping is about: how hard the hit was, what 
 measure), and how far the hit threw the pads off their way.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
@@ -100,19 +100,11 @@ def trial_card(catalogue: Catalogue, log_id: str) -> TrialCard:
         before = tuple(each for each in found if each is not None)
         mean, spread = fmean(before) if before else None, stdev(before) if len(before) > 1 else None
         numbers.append(Number(name, unit, about, now, before, mean, spread))
-    again, refusal = _again(catalogue, entry)
+    again, refusal = _again(entries, catalogue, entry)
     return TrialCard(
-        row=row,
-        ending=row.ending,
-        what=_what(row),
-        sentence=_sentence(row, impact),
-        numbers=tuple(numbers),
-        compared=len(alike),
-        impact=None if impact is None else thinned(impact, _POINTS),
-        before=earlier[0].id if earlier else None,
-        again=again,
-        refusal=refusal,
-    )
+        row, row.ending, _what(row), _sentence(row, impact), tuple(numbers), len(alike),
+        None if impact is None else thinned(impact, _POINTS), earlier[0].id if earlier else None, again, refusal,
+    )  # fmt: skip
 
 
 def _what(row: LogRow) -> str:
@@ -123,20 +115,18 @@ def _what(row: LogRow) -> str:
 
 
 def _sentence(row: LogRow, impact: Impact | None) -> str:
-    parts = [f"{row.outcome[:1].upper()}{row.outcome[1:]}."] if row.ending is not Ending.SUCCESS else []
+    said = f"{row.outcome[:1].upper()}{row.outcome[1:]}."
     if row.ending is Ending.SUCCESS:
         words = {"expected": "the impact was the one that was meant", "not watched": "no monitor judged the impact"}
-        judged = words.get(row.verdict or "", "the monitor came to no verdict on the impact")
-        parts.append(f"Held until release; {judged}.")
-    if impact is not None and impact.detected:
-        late = -impact.nominal_ms
-        parts.append(f"Detected {abs(late):.0f} ms {'after' if late >= 0 else 'before'} the nominal impact.")
-    elif impact is not None:
-        parts.append("No impact was detected.")
-    return " ".join(parts)
+        said = f"Held until release; {words.get(row.verdict or '', 'the monitor came to no verdict on the impact')}."
+    if impact is None:
+        return said
+    late = -impact.nominal_ms
+    detected = f"Detected {abs(late):.0f} ms {'after' if late >= 0 else 'before'} the nominal impact."
+    return f"{said} {detected if impact.detected else 'No impact was detected.'}"
 
 
-def _again(catalogue: Catalogue, entry: LogEntry) -> tuple[TrialOrder | None, str | None]:
+def _again(entries: Sequence[LogEntry], catalogue: Catalogue, entry: LogEntry) -> tuple[TrialOrder | None, str | None]:
     """Return the order of a trial, or why it cannot be given again. Its reference is known by its file's name."""
     try:
         asked = specification_of(entry.trial or {})
@@ -144,7 +134,7 @@ def _again(catalogue: Catalogue, entry: LogEntry) -> tuple[TrialOrder | None, st
         return None, str(error)
     assert isinstance(asked, TrialSpecification)  # as the kind of its log
     name = Path(asked.reference).name
-    found = next((each for each in catalogue.entries() if each.path.name == name), None)
+    found = next((each for each in entries if each.path.name == name), None)
     if found is None:
         return None, f"its reference {name} is not among the logs"
     try:

@@ -1,6 +1,6 @@
 """The impact in a log: the forces on both pads around it, and how far the pads were from where they should have been.
 
-Only the chunks of these 300 ms are read, so that a card is there at once; what was read is remembered.
+Only the chunks of these 300 ms are read; what was read is remembered.
 """
 
 from dataclasses import dataclass, replace
@@ -85,16 +85,11 @@ def read_impact(path: Path) -> Impact | None:
     after = (t_s >= 0.0) & (t_s <= AFTER_S) & moving
     error = _error_m(log, arms, controls)
     return Impact(
-        t_ms=_rounded(t_s * _MS, 1),
-        left=_rounded(force[0], 2),
-        right=_rounded(force[1], 2),
-        modes=_modes(t_s * _MS, controls[0]["mode"]),
-        at_s=(at_ns - log.start_ns) * 1e-9,
-        detected=detected,
-        nominal_ms=(nominal_s - at_s) * _MS,
+        _rounded(t_s * _MS, 1), _rounded(force[0], 2), _rounded(force[1], 2), _modes(t_s * _MS, controls[0]["mode"]),
+        (at_ns - log.start_ns) * 1e-9, detected, (nominal_s - at_s) * _MS,
         peak_force_n=float(force[:, hit].max()) if hit.any() else None,
         error_mm=float(error[:, after].max()) * _MS if error is not None and after.any() else None,
-    )
+    )  # fmt: skip
 
 
 def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | None:
@@ -113,10 +108,8 @@ def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | 
 def _modes(t_ms: Array, modes: NDArray) -> tuple[tuple[float, float, str], ...]:
     starts = np.flatnonzero(np.diff(modes, prepend=modes[0] - 1))
     ends = [*starts[1:].tolist(), len(modes) - 1]
-    return tuple(
-        (round(float(t_ms[start]), 1), round(float(t_ms[end]), 1), Mode(int(modes[start])).name)
-        for start, end in zip(starts.tolist(), ends, strict=True)
-    )
+    times = _rounded(t_ms, 1)
+    return tuple((times[k], times[end], Mode(int(modes[k])).name) for k, end in zip(starts, ends, strict=True))
 
 
 def _rounded(values: Array, digits: int) -> tuple[float, ...]:
