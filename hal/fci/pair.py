@@ -13,8 +13,8 @@ time at most, which is far from what the kernel takes from a real-time thread th
 
 import select
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 
 from hal.cell import LEFT, RIGHT
 from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
@@ -152,24 +152,23 @@ class FciPair:
         refused: list[str] = []
         lost: list[HardwareError] = []
         begun = []
-
-        @contextmanager
-        def noting() -> Iterator[None]:
+        for arm in self.arms.values():
             try:
-                yield
+                begun.append((arm, arm.begin_recovery()))
             except RecoveryRefused as error:
                 refused.append(str(error))
             except HardwareError as error:
                 lost.append(error)
-
-        for arm in self.arms.values():
-            with noting():
-                begun.append((arm, arm.begin_recovery()))
         for arm, recovery in begun:  # both boxes take their time at once
-            with noting():
-                if recovery is None:
-                    continue
+            if recovery is None:
+                continue
+            try:
                 arm.end_recovery(*recovery)
+            except RecoveryRefused as error:
+                refused.append(str(error))
+            except HardwareError as error:
+                lost.append(error)
+            else:
                 done.append(f"{arm.called} has recovered from {', '.join(recovery[1])}")
         if lost:
             raise lost[0]

@@ -36,7 +36,7 @@ from rtstack.live.parent_watch import watch_parent
 from rtstack.live.protocol import JobState, RunRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, live_source
-from rtstack.live.standalone import claim, process_arguments, publish_rings, withdraw_rings
+from rtstack.live.standalone import RINGS, claim, process_arguments
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
@@ -253,9 +253,9 @@ def main(arguments: list[str] | None = None) -> int:
             stack.callback(notifier.close)
             pulse = Pulse(notifier)
             service = Service(job_manager, asked.run / SOCKET_NAME, pulse)
-            stack.callback(withdraw_rings, asked.run)
+            stack.callback((asked.run / RINGS).unlink, missing_ok=True)
             stack.callback(service.close)
-            publish_rings(asked.run, rings.name)
+            (asked.run / RINGS).write_text(rings.name)
         except (ConfigurationError, LogError, TrialError, OSError) as error:
             print(f"robot process: {error}", file=sys.stderr)
             return 2

@@ -9,7 +9,7 @@ from rtstack.log.errors import LogError
 from rtstack.loop.mailbox import remove_mailbox
 
 MAILBOX = "rtstack-service"
-_RINGS = "rings"
+RINGS = "rings"  # file in the run folder: the name of the live rings, while there are any
 
 
 def process_arguments(prog: str) -> argparse.ArgumentParser:
@@ -38,20 +38,10 @@ def claim(folder: Path, name: str) -> None:
     remove_mailbox(f"{name}-mailbox")
 
 
-def publish_rings(folder: Path, rings: str) -> None:
-    """Tell the console where the live rings are."""
-    (folder / _RINGS).write_text(rings)
-
-
-def withdraw_rings(folder: Path) -> None:
-    """The rings are gone."""
-    (folder / _RINGS).unlink(missing_ok=True)
-
-
 def find_rings(folder: Path) -> str:
     """Return the name of the live rings. Raises LogError where no robot process runs."""
     try:
         refuse_foreign(folder)
-        return (folder / _RINGS).read_text()
+        return (folder / RINGS).read_text()
     except OSError as error:
         raise LogError(f"{folder}: no robot process runs there ({error.strerror}): start `rtstack robot`") from None

@@ -9,7 +9,7 @@ import pytest
 from rtstack.cli.stack_operator import StackOperator
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.service import Service
-from rtstack.live.standalone import publish_rings
+from rtstack.live.standalone import RINGS
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.safety.arming import Phase
@@ -30,7 +30,7 @@ def robot(tmp_path):
     running = RunningRobot(tmp_path)
     folder = Path(tempfile.mkdtemp(prefix="rtstack-test-"))  # short: a socket's path has 107 letters at most
     service = Service(running.job_manager, folder / SOCKET_NAME)
-    publish_rings(folder, running.rings.name)
+    (folder / RINGS).write_text(running.rings.name)
     running.socket = folder / SOCKET_NAME
     yield running
     service.close()
