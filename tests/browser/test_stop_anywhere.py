@@ -5,7 +5,9 @@ from contextlib import contextmanager
 import pytest
 from playwright.sync_api import expect
 
+import console.routes.control
 from rtstack.live.protocol import JobState
+from rtstack.loop.mailbox import NOT_TAKEN, Mailbox
 from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.stage import PATIENCE_MS
 from tests.support.console.stop_ways import WAYS, come_to, lead_focus
@@ -140,20 +142,42 @@ def test_who_is_signed_out_can_still_stop_and_nothing_else(stage, browser):
     context.close()
 
 
-def test_a_stop_that_is_not_delivered_is_said_before_anything_else(stage):
-    page, errors = stage.page, stage.page.locator("#errors .error")
+@pytest.mark.parametrize("socket", [True, False], ids=["by the socket", "not at all"])
+def test_a_stop_whose_request_fails_is_said_before_anything_else(stage, socket):
+    page = stage.page.context.new_page()
+    if not socket:
+        page.route_web_socket("**/live", lambda _: None)
     page.goto("/logs")
+    errors, light = page.locator("#errors .error"), page.locator("#control-light")
+    if socket:
+        expect(light).not_to_have_attribute("data-state", "waiting", timeout=PATIENCE_MS)
     for path in ("**/api/logs?*", "**/api/stop"):
         page.route(path, lambda route: route.abort())
     try:
         page.fill("#query", "rice")
-        expect(errors).to_contain_text(["The list of logs is not up to date"])
+        expect(errors.last).to_contain_text("The list of logs is not up to date", timeout=PATIENCE_MS)
         page.click("#stop")
-        expect(errors).to_contain_text(["STOP was not delivered, the robot goes on", "The list of logs"])
+        words = "STOP went by the live connection alone" if socket else "STOP was not delivered, the robot goes on"
+        expect(errors.first).to_contain_text(words, timeout=PATIENCE_MS)
         expect(errors.first).to_have_attribute("data-tone", "worst")
+        assert stage.served.mailbox.stop_requested is socket
     finally:
-        page.unroute_all()
-    assert not stage.served.mailbox.stop_requested
+        stage.served.mailbox.clear_stop()
+        page.close()
+
+
+def test_a_stop_that_the_loop_does_not_take_is_said(stage, monkeypatch):
+    monkeypatch.setattr(Mailbox, "stop_taken", lambda *_: False)
+    monkeypatch.setattr(console.routes.control, "TAKEN_S", 0.0)
+    page, error = stage.page, stage.page.locator("#errors .error").first
+    page.goto("/")
+    expect(page.locator("#control-light")).not_to_have_attribute("data-state", "waiting", timeout=PATIENCE_MS)
+    page.click("#stop")
+    try:
+        expect(error).to_contain_text(NOT_TAKEN, timeout=PATIENCE_MS)
+        expect(error).to_have_attribute("data-tone", "worst")
+    finally:
+        stage.served.mailbox.clear_stop()
 
 
 def test_silent_arms_are_an_alarm_but_not_while_a_motion_is_prepared(stage):

@@ -29,9 +29,12 @@ export async function stop() {
   } catch (error) {
     say("report stop");
     await new Promise((resolve) => setTimeout(resolve, SEEN_MS));
-    if (error.status === null && !mayMove()) return; // it came by the socket
     delete button.dataset.state;
-    showError(`STOP was not delivered, the robot goes on: ${error.message} Use the robot's own stop.`, "worst");
+    const bySocket = error.status === null && !mayMove();
+    const what = bySocket
+      ? "STOP went by the live connection alone, and nothing moves"
+      : "STOP was not delivered, the robot goes on";
+    showError(`${what}: ${error.message} Use the robot's own stop.`, "worst");
   }
 }
 
