@@ -42,6 +42,7 @@ _TOPIC = np.dtype({
     "names": ["capacity", "itemsize", "head", "consumed", "lost"], "formats": ["i8"] * 5,
     "offsets": [0, 8, _CACHE_LINE, 2 * _CACHE_LINE, 2 * _CACHE_LINE + 8], "itemsize": 3 * _CACHE_LINE,
 })  # fmt: skip
+_ITEMSIZES = [topic.record.itemsize for topic in TOPICS.values()]
 _SLOTS_OFFSET = _CONTROL.itemsize + len(TOPICS) * _TOPIC.itemsize
 
 
@@ -106,19 +107,11 @@ class RingReader:
         with self._barrier:
             head = int(self._head[0])
         first = max(self._next, head - capacity)
-        records = np.empty(head - first, self._slots.dtype["record"])
-        sequence = np.empty(head - first, np.int64)
-        start = first % capacity
-        before_end = min(len(records), capacity - start)
-        parts = (
-            (slice(0, before_end), slice(start, start + before_end)),
-            (slice(before_end, None), slice(0, len(records) - before_end)),
-        )
-        for target, source in parts:
-            records[target] = self._slots["record"][source]
+        start, end = first % capacity, first % capacity + head - first
+        parts = slice(start, end), slice(0, max(0, end - capacity))  # the first one ends with the ring
+        records = np.concatenate([self._slots["record"][part] for part in parts])
         with self._barrier:
-            for target, source in parts:
-                sequence[target] = self._slots["sequence"][source]
+            sequence = np.concatenate([self._slots["sequence"][part] for part in parts])
         # the sequence moves on before the record does: the right sequence after the copy means an untorn copy
         whole = sequence == 2 * np.arange(first, head) + 2
         if not whole.all():
@@ -170,9 +163,7 @@ class Rings:
             rings = cls(Block.create(f"rtstack-{os.getpid()}-{secrets.token_hex(4)}", size))
         except OSError as error:
             raise LogError(f"no shared memory for the log ({size / 1e6:.0f} MB): {error.strerror}") from error
-        for index, (topic, records) in enumerate(sizes.items()):
-            rings._topics[index]["capacity"] = records
-            rings._topics[index]["itemsize"] = TOPICS[topic].record.itemsize
+        rings._topics["capacity"], rings._topics["itemsize"] = list(sizes.values()), _ITEMSIZES
         rings._control["magic"] = _MAGIC
         return rings
 
@@ -183,35 +174,33 @@ class Rings:
             rings = cls(Block.attach(name))
         except (OSError, ValueError) as error:
             raise LogError(f"there are no rings named {name}") from error
-        sizes = [topic.record.itemsize for topic in TOPICS.values()]
-        if rings._control["magic"][0] != _MAGIC or rings._topics["itemsize"].tolist() != sizes:
+        if rings._control["magic"][0] != _MAGIC or rings._topics["itemsize"].tolist() != _ITEMSIZES:
             raise LogError(f"the rings {name} belong to another version of the program")
         return rings
 
-    def _slots(self, topic: str) -> tuple[int, NDArray[Any]]:
+    def _ring(self, topic: str) -> tuple[NDArray[Any], NDArray[Any]]:
         offset = _SLOTS_OFFSET
         for index, name in enumerate(TOPICS):
             capacity = int(self._topics[index]["capacity"])
             if name == topic:
-                return index, np.frombuffer(self._block.memory, _slot_dtype(topic), capacity, offset)
+                slots = np.frombuffer(self._block.memory, _slot_dtype(topic), capacity, offset)
+                return self._topics[index : index + 1], slots
             offset += _slot_dtype(name).itemsize * capacity
         raise KeyError(topic)
 
     def pusher(self, topic: str) -> Pusher:
         """Return the writer's side of a ring. Raises KeyError for a topic that is not in TOPICS."""
-        index, slots = self._slots(topic)
-        return Pusher(self._topics["head"][index : index + 1], slots)
+        line, slots = self._ring(topic)
+        return Pusher(line["head"], slots)
 
     def reader(self, topic: str, oldest: bool = False) -> RingReader:
         """Return a reader that starts with the next record, or the first. Raises KeyError for a topic not in TOPICS."""
-        index, slots = self._slots(topic)
-        line = self._topics[index : index + 1]
+        line, slots = self._ring(topic)
         return RingReader(line, slots, 0 if oldest else int(line["head"][0]), publishes=False)
 
     def log_reader(self, topic: str) -> RingReader:
         """Return the log process's reader: starts with the first record, publishes how far it has read."""
-        index, slots = self._slots(topic)
-        return RingReader(self._topics[index : index + 1], slots, 0, publishes=True)
+        return RingReader(*self._ring(topic), 0, publishes=True)
 
     def room(self) -> int:
         """Return how many records every ring takes before the log loses one.

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -51,16 +51,6 @@ def check_log_path(path: Path, overwrite: bool = False) -> None:
         raise LogError(f"cannot write {path}: permission denied")
 
 
-def _create(path: Path, overwrite: bool) -> BinaryIO:
-    check_log_path(path, overwrite)
-    try:
-        return open(path, "wb" if overwrite else "xb")
-    except FileExistsError as error:
-        raise LogError(f"{path} exists already: choose another name or remove it") from error
-    except OSError as error:
-        raise LogError(f"cannot write {path}: {error.strerror}") from error
-
-
 class LogProcess:
     """A running log process. Made by `start`, ended by `close`.
 
@@ -89,7 +79,11 @@ class LogProcess:
         Raises LogError where the file cannot be created.
         """
         path = Path(path)
-        log = _create(path, overwrite)
+        check_log_path(path, overwrite)
+        try:
+            log = open(path, "wb" if overwrite else "xb")  # noqa: SIM115 - closed in _reap
+        except OSError as error:
+            raise LogError(f"cannot write {path}: {error.strerror}") from error
         job, errors = (os.fdopen(os.memfd_create(name), "w+b") for name in ("job", "errors"))  # closed in _reap
         asked = LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description, tuple(cameras))
         pickle.dump(asked, job)
@@ -126,21 +120,21 @@ class LogProcess:
 
     def wait_ready(self, timeout_s: float = 10.0) -> None:
         """Wait until the log process reads the rings. Raises LogError if it fails or takes longer."""
-        deadline = time.monotonic() + timeout_s
-        while self._rings.state is LogState.STARTING:
-            self.check()
-            if time.monotonic() > deadline:
-                raise LogError(f"the log {self.path} cannot be written: its process does not start")
-            time.sleep(_POLL_S)
+        why = "cannot be written: its process does not start"
+        self._wait(lambda: self._rings.state is not LogState.STARTING, timeout_s, why)
         self.check()
 
     def wait_room(self, records: int, timeout_s: float = 30.0) -> None:
         """Wait, outside of the tick, until every ring takes `records` more. Raises as `wait_ready` does."""
+        why = f"does not keep up: no room for {records} records"
+        self._wait(lambda: self._rings.room() >= records, timeout_s, why)
+
+    def _wait(self, done: Callable[[], bool], timeout_s: float, why: str) -> None:
         deadline = time.monotonic() + timeout_s
-        while self._rings.room() < records:
+        while not done():
             self.check()
             if time.monotonic() > deadline:
-                raise LogError(f"the log {self.path} does not keep up: no room for {records} records")
+                raise LogError(f"the log {self.path} {why}")
             time.sleep(_POLL_S)
 
     def close(

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from hal.base.files import replacing
 from rtstack.log.ring import Rings
-from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writing.job import Evidence, LogJob
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.topics import TICK_TOPICS, TOPICS
@@ -29,11 +28,9 @@ def make_whole(
     ended: why it was cut off. Returns the number of messages, and how much is missing between both, s; then the run has
     failed. Raises OSError: then the file stays as it was.
     """
-    schemas = {topic: each for camera in job.cameras for topic, each in camera.schemas().items()}
     last_ns, seen = -1, dict.fromkeys(TOPICS, 0)
     with replacing(path) as new, open(new, "wb") as file, open(path, "rb") as old:
-        writer = McapWriter(file, schemas, Scenery(job.cell) if job.cell else None, rings.times)
-        writer.begin(job.metadata, job.attachments)
+        writer = McapWriter.of_job(file, job, rings.times)
         found = NonSeekingReader(old).iter_messages(log_time_order=False)
         going_on = True
         while going_on:

@@ -15,7 +15,7 @@ from rtstack.log.time_of_day import RECORD, time_record
 from rtstack.log.viewers.scenery import Messages, Scenery, scenery_schemas
 from rtstack.log.viewers.standard import STANDARD
 from rtstack.log.writing.encoding import sample_descriptors, wire_format
-from rtstack.log.writing.job import Attachment, Evidence, texts
+from rtstack.log.writing.job import Attachment, Evidence, LogJob, texts
 from rtstack.samples import ARM_SAMPLE, SIDES
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC, TOPICS
 
@@ -32,18 +32,17 @@ class _File:
         self.error: OSError | None = None
 
     def write(self, data: bytes | bytearray) -> int:
-        try:
-            return self._file.write(data)
-        except OSError as error:
-            self.error = error
-            raise
+        return self._tried(self._file.write, data)
 
     def seek(self, offset: int, whence: int = 0) -> int:
         return self._file.seek(offset, whence)
 
     def flush(self) -> None:
+        self._tried(self._file.flush)
+
+    def _tried(self, call: Callable[..., Any], *arguments: object) -> Any:
         try:
-            self._file.flush()
+            return call(*arguments)
         except OSError as error:
             self.error = error
             raise
@@ -83,6 +82,14 @@ class McapWriter:
         self._dirty = False
         self._times, self._timed = times if times is not None and times["opened_ns"][0] else None, False
 
+    @classmethod
+    def of_job(cls, file: BinaryIO, job: LogJob, times: NDArray[np.void]) -> "McapWriter":
+        """Begin the file of a job. times: the run's."""
+        pictures = {topic: each for camera in job.cameras for topic, each in camera.schemas().items()}
+        writer = cls(file, pictures, Scenery(job.cell) if job.cell else None, times)
+        writer.begin(job.metadata, job.attachments)
+        return writer
+
     def begin(self, metadata: Iterable[tuple[str, dict[str, str]]], attachments: Iterable[Attachment]) -> None:
         """Write what a log begins with: metadata records, name and values, and attachments."""
         for name, values in metadata:
@@ -114,18 +121,18 @@ class McapWriter:
             if not any(map(len, batches.values())):
                 return
             made = self._shown(batches)
-        times: list[NDArray[np.int64]] = []
-        writes: list[Callable[[bytes, int], None]] = []
-        messages: list[bytes] = []
+        parts = []
         for topic, records in batches.items():
             # an object that was never seen is not in the log
             seen = records[records["seen"] != 0] if "seen" in (records.dtype.names or ()) else records
-            times.append(np.maximum(seen["t_ns"], 0))
-            self._take(topic, encoded(topic, seen), writes, messages)
+            parts.append((topic, np.maximum(seen["t_ns"], 0), encoded(topic, seen)))
         for topic, each in made.items():
-            times.append(np.array([t for t, _ in each], np.int64))
-            self._take(topic, [message for _, message in each], writes, messages)
-        all_times = np.concatenate(times)
+            parts.append((topic, np.array([t for t, _ in each], np.int64), [message for _, message in each]))
+        for topic, _, said in parts:
+            self.messages[topic] += len(said)
+        writes = [self._channels[topic].log for topic, _, said in parts for _ in said]
+        messages = [message for _, _, said in parts for message in said]
+        all_times = np.concatenate([t_ns for _, t_ns, _ in parts])
         order = np.argsort(all_times, kind="stable")
         due_ns = -1 if self._flushed_log_ns is None else self._flushed_log_ns + FLUSH_NS
         for row, t_ns in zip(order.tolist(), all_times[order].tolist(), strict=True):
@@ -144,13 +151,6 @@ class McapWriter:
         none = np.zeros(0, ARM_SAMPLE)  # of an arm that is not there
         arms = {side: batches.get(topic, none) for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
         return self._scenery.update(arms, poses[poses["seen"] != 0])
-
-    def _take(
-        self, topic: str, said: list[bytes], writes: list[Callable[[bytes, int], None]], messages: list[bytes]
-    ) -> None:
-        self.messages[topic] += len(said)
-        writes += [self._channels[topic].log] * len(said)
-        messages += said
 
     def flush_if_due(self) -> None:
         """Finish the chunk when the last one is 0.25 s of wall time old."""

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from hal.base.realtime import ordinary_thread
 from hal.base.shared import remove_block
 from rtstack.log.ring import LogState, Rings
-from rtstack.log.viewers.scenery import Scenery
 from rtstack.log.writing.job import Evidence, LogJob
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.log.writing.pictures import PictureDrain
@@ -80,9 +79,7 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
     rings = Rings.attach(job.rings)
     try:
         with os.fdopen(log_descriptor, "wb") as file:
-            schemas = {topic: each for camera in job.cameras for topic, each in camera.schemas().items()}
-            writer = McapWriter(file, schemas, Scenery(job.cell) if job.cell else None, rings.times)
-            writer.begin(job.metadata, job.attachments)
+            writer = McapWriter.of_job(file, job, rings.times)
             writer.flush()
             drain = RingDrain(rings, writer, PictureDrain(job.cameras, file))
             rings.state = LogState.READY
