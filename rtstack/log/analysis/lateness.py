@@ -290,10 +290,9 @@ def _cause(cycle: np.void, excess_us: float, work: NDArray) -> tuple[HostCause, 
     cpu_us = float(own["cpu_us"].sum()) - usual_us * float(own["cycles"].sum() - len(own))
     faults = int(own["page_faults"].sum() + own["pages_read"].sum())
     enough_us = 0.5 * excess_us
-    if own["collected_us"].sum() >= enough_us:
-        return HostCause.COLLECTION, faults
-    if own["no_cpu_us"].sum() >= enough_us:
-        return HostCause.NO_CPU, faults
+    for name, cause in (("collected_us", HostCause.COLLECTION), ("no_cpu_us", HostCause.NO_CPU)):
+        if own[name].sum() >= enough_us:
+            return cause, faults
     if cpu_us >= enough_us:
         if own["pages_read"].any():
             return HostCause.PAGES, faults
@@ -303,6 +302,4 @@ def _cause(cycle: np.void, excess_us: float, work: NDArray) -> tuple[HostCause, 
             HostCause.LAST_CYCLE: max(cycle["free_us"], 0.0),
         }
         return max(parts, key=lambda cause: float(parts[cause])), faults
-    if own["others_us"].sum() >= enough_us:
-        return HostCause.THREAD, faults
-    return HostCause.STOPPED, faults
+    return HostCause.THREAD if own["others_us"].sum() >= enough_us else HostCause.STOPPED, faults
