@@ -47,12 +47,12 @@ class PolicyInput:
     """One connection of a policy: what it sees, and its answers on their way into the mailbox. For any thread."""
 
     def __init__(self, name: str, parts: Parts) -> None:
-        self._name, self._teleop, self._mailbox, self._cell = name, parts.teleop, parts.mailbox, parts.cell
-        cell, rings = parts.cell, parts.watch.rings
+        self._name, self._teleop, self._mailbox, self._watch = name, parts.teleop, parts.mailbox, parts.watch
+        self._cell, cell, rings = parts.cell, parts.cell, parts.watch.rings
         self._bases = [base_frame(mounting) for mounting in cell.arms]
         self._arms = [rings.reader(f"/{side}/arm") for side in cell.sides]
         self._controls = [rings.reader(f"/{side}/control") for side in cell.sides]
-        self._watch, self._pictures = parts.watch, NewestPictures({})
+        self._pictures = NewestPictures({})
         self._lease: tuple[int, int] | None = None
         self._number, self._began_ns = 0, 0
         self.failed = False  # it has ended by an exception of its own
@@ -104,8 +104,7 @@ class PolicyInput:
         if lease is None or lease != self._teleop.lease(self._name):
             return "the lease is over"
         chunk = answer.chunk()
-        wrong = chunk.problem(len(self._cell.arms))
-        if wrong is not None:
+        if (wrong := chunk.problem(len(self._cell.arms))) is not None:
             return wrong
         record = chunk.record(self._models, self._posture_joint)
         record["job"], record["lease"] = lease

@@ -28,6 +28,7 @@ router = APIRouter(prefix="/api/recordings", tags=["recordings"], responses=prob
 
 Seconds = Annotated[float, Query(ge=0.0, le=3600.0, allow_inf_nan=False)]
 _EXTRACTION = TypeAdapter(Extraction)
+_VERDICTS = {AcceptanceState.ACCEPTED: EpisodeVerdict.KEPT, AcceptanceState.REJECTED: EpisodeVerdict.FAILED}
 _NOT_YET: dict[int | str, dict[str, Any]] = {202: {"description": "it is being read: ask again"}}
 WIDTH, HEIGHT = 160, 36  # px
 _LEAST_N = 5.0  # of the height: noise does not fill the picture
@@ -107,16 +108,14 @@ def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> Acceptance
     It is kept then, and a rejected one has failed, unless it is discarded.
     """
     entry = recording_entry(parts, log_id)
-    if acceptance.verdict == "accepted":
+    if acceptance.verdict is AcceptanceState.ACCEPTED:
         problem = _extraction(parts, entry, acceptance).answer()["problem"]
         if problem is not None:
             raise HTTPException(409, problem.replace(f"{entry.path}: ", ""))
     save_acceptance(entry.path, acceptance)
-    remarks = load_remarks(entry.path)
-    if acceptance.verdict is AcceptanceState.ACCEPTED:
-        save_remarks(entry.path, replace(remarks, verdict=EpisodeVerdict.KEPT))
-    elif acceptance.verdict is AcceptanceState.REJECTED and remarks.verdict in (None, EpisodeVerdict.KEPT):
-        save_remarks(entry.path, replace(remarks, verdict=EpisodeVerdict.FAILED))
+    remarks, verdict = load_remarks(entry.path), _VERDICTS.get(acceptance.verdict)
+    if verdict is EpisodeVerdict.KEPT or (verdict and remarks.verdict in (None, EpisodeVerdict.KEPT)):
+        save_remarks(entry.path, replace(remarks, verdict=verdict))
     return acceptance
 
 

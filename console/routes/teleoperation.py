@@ -6,6 +6,7 @@ docs/howto/teleoperation.md has the messages and their stamps.
 import asyncio
 import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -199,24 +200,18 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
         teleop.grip(operator, admission.latest_ns)
     if admission.drop is not None:
         return
-    if sensed is not None:
-        teleop.sense(operator, sensed)
-    if pose is not None:
-        teleop.move(operator, pose)
-    if hands is not None:
-        teleop.track(operator, hands)
-    if message.lead is not None:
-        teleop.lead(operator, message.lead)
-    if deflection is not None:
-        teleop.jog(operator, deflection)
+    asked: dict[Callable[[str, Any], None], Any] = {teleop.sense: sensed, teleop.move: pose, teleop.track: hands}
+    for ask, motion in (asked | {teleop.lead: message.lead, teleop.jog: deflection}).items():
+        if motion is not None:
+            ask(operator, motion)
 
 
 def _of_arms(parts: Parts, said: PadPoses | Deflections | None) -> OfArms | None:
     """Return what is said of each arm of the cell. Raises RobotRefused where something is said of one that it lacks."""
     if said is None:
         return None
-    values = {side: getattr(said, side) for side in SIDES}
-    for side in SIDES:
-        if side not in parts.cell.sides and values[side] is not None:
+    values = {side: None if getattr(said, side) is None else np.array(getattr(said, side)) for side in SIDES}
+    for side in set(SIDES) - set(parts.cell.sides):
+        if values[side] is not None:
             raise RobotRefused(f"the cell {parts.cell.name} has no {side} arm: leave `{side}` out")
-    return [None if values[side] is None else np.array(values[side]) for side in parts.cell.sides]
+    return [values[side] for side in parts.cell.sides]

@@ -1,8 +1,7 @@
 """What input devices say, as requests: (arms, 7), position m and quaternion wxyz, in the world.
 
-A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. Another device is
-one more function here, or any program that sends poses or deflections over the WebSocket of teleoperation. `Grips`
-keeps where hands and gizmos that lead the pads, and the pads, were when they began to, and the drags to undo.
+A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. `Grips` keeps where
+what leads the pads, and the pads, were when it began to, and the drags to undo.
 """
 
 from collections import deque
@@ -76,8 +75,7 @@ def _gone(began: Array, now: Array) -> tuple[Array, Array]:
 
 
 class Grips:
-    """One an arm, by its place in the arrays. Not for two threads at a time. asked: the requests, (arms, 7), when
-    something was said."""
+    """One an arm, by its place in the arrays. Not for two threads at a time. asked: the requests, (arms, 7)."""
 
     def __init__(self) -> None:
         self.dragged: set[int] = set()  # sides whose gizmo is being dragged, followed or not
@@ -86,10 +84,8 @@ class Grips:
 
     def let_go(self, side: int | None = None) -> None:
         """Let a side lead nothing, or all: what is still held goes on from wherever it will be."""
-        if side is None:
-            self._began.clear()
-        else:
-            self._began.pop(side, None)
+        for each in list(self._began) if side is None else (side,):
+            self._began.pop(each, None)
 
     def drag(self, side: int, grip: Array, asked: Array, anew: bool, coupling: Coupling) -> Array:
         """Return the requests for a gizmo's pose (7,). anew: its drag begins."""

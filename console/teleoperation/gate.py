@@ -86,8 +86,8 @@ class Gate:
     """The gate of all devices. Not for two threads at a time."""
 
     def __init__(self) -> None:
-        self.dropped = [0] * len(Drop)
         self._senders: dict[tuple[str, str], _Sender] = {}
+        self.forget()
 
     def forget(self) -> None:
         """Count from zero again."""
@@ -101,15 +101,13 @@ class Gate:
         return admission
 
     def _judged(self, operator: str, stamp: Stamp | None, picture_ns: int | None, now_ns: int) -> Admission:
-        if stamp is None:
-            return Admission(Drop.OTHER, UNSTAMPED)
-        if picture_ns is None:
-            return Admission(Drop.OTHER, _UNKNOWN)
+        if stamp is None or picture_ns is None:
+            return Admission(Drop.OTHER, UNSTAMPED if stamp is None else _UNKNOWN)
         made, seen = 1e6 * stamp.made_ms, 1e6 * stamp.seen_ms
         key = (operator, stamp.sender)
         sender = self._senders.pop(key, None) or _Sender(now_ns)
         self._senders[key] = sender  # the newest one is the last one
-        while len(self._senders) > _SENDERS:
+        if len(self._senders) > _SENDERS:
             del self._senders[next(iter(self._senders))]
         if stamp.sequence <= sender.sequence or made < sender.made:
             return Admission(Drop.ORDER, _ORDER)

@@ -30,6 +30,7 @@ from rtstack.teleoperation.hand_motion import HandMotion
 from rtstack.teleoperation.stamp import Stamp
 
 NO_CLUTCH = "the clutch is not held, so that nothing moves: hold C while you drag, or let the drag hold the clutch"
+_LED = (JobKind.TELEOPERATION, JobKind.GUIDE)
 BEAT_S = 0.05  # between two signs of life of a page
 
 
@@ -38,9 +39,7 @@ class TeleopInput:
 
     def __init__(self, mailbox: Mailbox, watch: Watch, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._lock = threading.RLock()
-        self._mailbox = mailbox
-        self._watch = watch
-        self._clock = clock
+        self._mailbox, self._watch, self._clock = mailbox, watch, clock
         self._target = np.zeros(1, TARGET)
         self._target["pose"] = np.nan  # what stays in the row of an arm that is not there
         first = SIDES.index(watch.sides[0])
@@ -103,7 +102,7 @@ class TeleopInput:
             self._check_holder(operator)
             if len(self._watch.sides) == 1 and coupling not in (None, Coupling.SEPARATE):
                 raise RobotRefused(
-                    f"coupling {coupling} takes two arms, and the cell has one: leave it {Coupling.SEPARATE}"
+                    f"coupling {coupling} takes two arms, the cell has one: leave it {Coupling.SEPARATE}"
                 )
             self._coupling = coupling or self._coupling
             self._handles = handles or self._handles
@@ -143,10 +142,7 @@ class TeleopInput:
         made_ns: when it was given, None for now: one that was long under way does not keep the arms going for longer.
         """
         with self._lock:
-            self._check_holder(operator)
-            job = self._job()
-            if job is None:
-                raise RobotRefused("no teleoperation runs: start one")
+            job = self._running(operator)
             self._notice()
             if self._by is None:
                 if self._dropped is not None:
@@ -159,8 +155,7 @@ class TeleopInput:
                 self._lead_nothing()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
                 self._target["policy"] = self.policies.give(None)
-            now_ns = self._clock()
-            self._write(job=job.number, clutch_ns=now_ns if made_ns is None else min(made_ns, now_ns))
+            self._write(job=job.number, clutch_ns=self._made_ns(made_ns))
 
     def grip(self, operator: str, made_ns: int | None = None) -> None:
         """Say that a mouse button is down in the scene: while a gizmo is dragged by it, it holds the clutch.
@@ -169,10 +164,13 @@ class TeleopInput:
         """
         with self._lock:
             self._check_holder(operator)
-            now_ns = self._clock()
-            self._grip = operator, now_ns if made_ns is None else min(made_ns, now_ns)
+            self._grip = operator, self._made_ns(made_ns)
             if self._grips.dragged:
                 self._press_by_grip(*self._grip)
+
+    def _made_ns(self, made_ns: int | None) -> int:
+        now_ns = self._clock()
+        return now_ns if made_ns is None else min(made_ns, now_ns)
 
     def _press_by_grip(self, operator: str, made_ns: int) -> None:
         if self._by is None or self._by_grip:
@@ -193,13 +191,12 @@ class TeleopInput:
 
     def drop(self, operator: str, why: str | None) -> None:
         """Let go of a clutch until its operator releases it. why: None for no reason. Raises RobotRefused with it."""
-        if why is None:
-            return
-        with self._lock:
-            if self._by == operator:
-                self.release(operator, Release.DROPPED)
-                self._dropped = f"{why}: the grip was let go; open it, then take it again"
-            raise RobotRefused(self._dropped or why)
+        if why is not None:
+            with self._lock:
+                if self._by == operator:
+                    self.release(operator, Release.DROPPED)
+                    self._dropped = f"{why}: the grip was let go; open it, then take it again"
+                raise RobotRefused(self._dropped or why)
 
     def _lead_nothing(self) -> None:
         self._grips.let_go()
@@ -208,20 +205,15 @@ class TeleopInput:
     def finish(self, operator: str) -> None:
         """End the teleoperation or the playback softly. Raises RobotRefused unless the operator is the holder."""
         with self._lock:
-            self._check_holder(operator)
-            job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)
-            if job is None:
-                raise RobotRefused("neither a teleoperation nor a playback runs")
+            refusal = "neither a teleoperation nor a playback runs"
+            job = self._running(operator, JobKind.TELEOPERATION, JobKind.PLAYBACK, refusal=refusal)
             self._by = self.policies.leads = None
             self._write(job=job.number, clutch_ns=0, finish=1)
 
     def lend(self, operator: str, policy: str | None) -> None:
         """Let a policy lead until the clutch is held, or none any more. Raises RobotRefused with the reason."""
         with self._lock:
-            self._check_holder(operator)
-            job = self._job(JobKind.TELEOPERATION)
-            if job is None:
-                raise RobotRefused("no teleoperation runs: start one")
+            job = self._running(operator, JobKind.TELEOPERATION)
             if policy == operator:
                 raise RobotRefused(f"{operator} has control: a policy has a name and a token of its own")
             self._notice()
@@ -276,16 +268,15 @@ class TeleopInput:
 
         Raises RobotRefused as `move` does.
         """
-        elapsed_s = self._elapsed_s()
+        pace = self._pace()
         with self._lock:
-            asked = self._held_request(operator)
-            self._ask(deflected(asked, deflections, elapsed_s, *self._speeds, self._coupling))
+            self._ask(deflected(self._held_request(operator), deflections, *pace, self._coupling))
 
     def lead(self, operator: str, lead: Lead) -> None:
         """Lead the hands, for the time since this was last said. Raises RobotRefused as `move` does, and where there is
         nothing to undo.
         """
-        elapsed_s = self._elapsed_s()
+        pace = self._pace()
         with self._lock:
             asked = self._held_request(operator)
             if self._goal is None or self._goal[0] is not lead:
@@ -293,11 +284,7 @@ class TeleopInput:
                 if lead is Lead.UNDO and not drags:
                     raise RobotRefused("no drag of this teleoperation is left to be undone")
                 self._goal = lead, drags.pop() if lead is Lead.UNDO else straightened(asked)
-            self._ask(towards(asked, self._goal[1], elapsed_s, *self._speeds))
-
-    @property
-    def _speeds(self) -> tuple[float, float]:
-        return self._speed, reach.TURN_RAD_M * self._speed  # m/s and rad/s
+            self._ask(towards(asked, self._goal[1], *pace))
 
     def _held_request(self, operator: str) -> Array:
         """Return what is asked for. Raises RobotRefused unless this operator holds the clutch."""
@@ -306,11 +293,10 @@ class TeleopInput:
             raise RobotRefused("hold the clutch: nothing moves without it")
         return self._asked
 
-    def _elapsed_s(self) -> float:
-        """Return the time since the last call, s."""
-        now_ns = self._clock()
-        elapsed_s, self._jogged_ns = (now_ns - self._jogged_ns) * 1e-9, now_ns
-        return elapsed_s
+    def _pace(self) -> tuple[float, float, float]:
+        """Return the time since the last call, s, and the speeds, m/s and rad/s."""
+        before_ns, self._jogged_ns = self._jogged_ns, self._clock()
+        return (self._jogged_ns - before_ns) * 1e-9, self._speed, reach.TURN_RAD_M * self._speed
 
     def drag(self, side: int, grip: Array, phase: str) -> None:
         """Take a gizmo's pose (7,). side: its arm's place in the arrays.
@@ -342,13 +328,11 @@ class TeleopInput:
         """
         if self._by is None or self._admitted is None:
             return False
-        late = self._clock() - self._admitted_ns > (OLDEST_COMMAND_S + BEAT_S) * 1e9
-        drop = Drop.OLD if late else self._admitted.drop
-        if drop is None:
+        if self._clock() - self._admitted_ns > (OLDEST_COMMAND_S + BEAT_S) * 1e9:
+            drop, self._late = Drop.OLD, "not applied: no sign of life has come with the drag"
+        elif (drop := self._admitted.drop) is None:
             return False
         self._gate.dropped[drop] += 1
-        if late:
-            self._late = "not applied: no sign of life has come with the drag"
         return True
 
     def _ask(self, asked: Array) -> None:
@@ -386,14 +370,18 @@ class TeleopInput:
 
     @property
     def _holder(self) -> str | None:
-        status = self._watch.view.status
-        return None if status is None else status.holder
+        return getattr(self._watch.view.status, "holder", None)
+
+    def _running(self, operator: str, *kinds: JobKind, refusal: str = "no teleoperation runs: start one") -> Job:
+        """Return the holder's job of these kinds. Raises RobotRefused."""
+        self._check_holder(operator)
+        if (job := self._job(*kinds)) is None:
+            raise RobotRefused(refusal)
+        return job
 
     def _job(self, *kinds: JobKind) -> Job | None:
         status = self._watch.view.status
-        job = None if status is None else status.job
-        if not kinds:  # for which a clutch is held: on real arms for every motion
-            led = (JobKind.TELEOPERATION, JobKind.GUIDE)
-            kinds = led if status is None or status.simulated else tuple(JobKind)
-        runs = job is not None and job.kind in kinds and job.state is JobState.RUNNING
-        return job if runs else None
+        if status is None or (job := status.job) is None or job.state is not JobState.RUNNING:
+            return None
+        # without kinds: for which a clutch is held, on real arms for every motion
+        return job if job.kind in (kinds or (_LED if status.simulated else JobKind)) else None

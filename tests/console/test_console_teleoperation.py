@@ -22,7 +22,7 @@ from rtstack.loop.mailbox import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from rtstack.teleoperation.stamp import Sender, Stamp
-from tests.support.console.client import arm, cookie_header, say, socket, wait_for
+from tests.support.console.client import TRIES, arm, cookie_header, say, socket, wait_for
 
 POSES = np.array([[0.0, 0.35, 0.26, 1.0, 0.0, 0.0, 0.0], [0.0, -0.35, 0.26, 1.0, 0.0, 0.0, 0.0]])
 ORDER = {"object": "rice_box"}
@@ -188,8 +188,12 @@ def test_a_hand_that_jumps_is_let_go_until_its_grip_was_opened(running):
                 {"hands": {"left": hand_at()}, "sensed": {"left": hand_at(2.0, (0.0, 1.0, 0.0, 0.0))}},
                 {"hands": {"left": hand_at()}, "tracked": False}):  # fmt: skip
         rest = {"clutch": True, "hands": {"left": hand_at()}, "sensed": {"left": hand_at()}}
-        assert say(client, headers, **rest).json()["held"]
-        answer = say(client, headers, **({"clutch": True} | bad))
+        for _ in range(TRIES):  # on a machine so slow that the clutch goes quiet between both, the hand begins anew
+            say(client, headers, clutch=False)
+            assert say(client, headers, **rest).json()["held"]
+            answer = say(client, headers, **({"clutch": True} | bad))
+            if answer.status_code != 200:
+                break
         assert answer.status_code == 409
         assert "let go" in answer.json()["error"]
         assert (target(served)["clutch_ns"], target(served)["release"]) == (0, Release.DROPPED)
