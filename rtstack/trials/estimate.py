@@ -21,13 +21,13 @@ LOOKS = 50  # states: 50 ms
 REST_SHARE = 0.75
 
 
-def resting_force(cell: Cell, description: CellDescription) -> NDArray[np.float64]:
-    """Return the mean force (arms, 3) of each pad on their surroundings along the world's axes, N. Raises
-    HardwareError."""
+def resting_force(cell: Cell, description: CellDescription, looks: int = LOOKS) -> NDArray[np.float64]:
+    """Return the mean force (arms, 3) of each pad on their surroundings along the world's axes, N, over so many states.
+    Raises HardwareError."""
     forces = np.zeros((len(cell.arms), 3))
-    for _ in range(LOOKS):
+    for _ in range(looks):
         for side, arm in enumerate(cell.arms):
-            forces[side] += arm.read().O_F_ext_hat_K[:3] / LOOKS
+            forces[side] += arm.read().O_F_ext_hat_K[:3] / looks
     return np.stack([
         base_frame(mounting).rotation @ force
         for mounting, force in zip(description.arms, forces, strict=True)

@@ -16,7 +16,7 @@ from rtstack.control.modes import Strategy
 from rtstack.control.tick import CellController
 from rtstack.loop.end import End
 from rtstack.loop.session import SessionPlan
-from rtstack.model.cell_description import CellDescription, LoadPolicy, base_frame
+from rtstack.model.cell_description import CellDescription, LoadPolicy
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing
 from rtstack.safety.limits import ForcePhase
@@ -25,6 +25,7 @@ from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import ControllerRequest, Parameters, arm_controllers, cell_parameters
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
+from rtstack.trials.estimate import resting_force
 from rtstack.trials.placement import blocks_start
 from rtstack.trials.result import GuideResult, MoveResult
 from rtstack.trials.run import Run
@@ -155,13 +156,8 @@ def holds(cell: Cell, description: CellDescription) -> bool:
     """Whether both pads are pressed away from each other; one pad alone holds nothing."""
     if len(description.arms) == 1:
         return False
-    bases = tuple(map(base_frame, description.arms))
-    forces = np.zeros(2)
-    for _ in range(LOOKS):
-        for side, arm in enumerate(cell.arms):
-            # the world's y of what the object does to the pad
-            forces[side] -= (bases[side].rotation @ arm.read().record["O_F_ext_hat_K"][0, :3])[1] / LOOKS
-    return bool(forces[0] > HELD_N and -forces[1] > HELD_N)
+    left, right = -resting_force(cell, description, LOOKS)[:, 1]  # the world's y of what the object does to a pad
+    return bool(left > HELD_N and -right > HELD_N)
 
 
 def _above_table(cell: Cell, description: CellDescription, name: str) -> float | None:

@@ -99,7 +99,6 @@ def score(
     norm = np.linalg.norm(wrench, axis=(0, 2))
     linear = np.linalg.norm(wrench[:, :, :3], axis=(0, 2))
     compute = columns.timing["compute_us"]
-    followed = _held if motion is Motion.GRAB else _pushed
     end_s = release_s - criterion.release_margin_s
     seen = bool(np.any(columns.object["t_ns"] > start_t_ns))  # what waited in the socket before is no evidence
     held, by_pads = False, unobserved and bases is not None and not seen and motion is Motion.GRAB
@@ -108,7 +107,7 @@ def score(
         if by_pads:
             held = _squeezed(columns, pads, t_s, detected_impact_s, end_s, criterion)
         elif seen:
-            held = followed(columns, pads, start_t_ns, t_s, detected_impact_s, end_s, criterion)
+            held = _followed(columns, pads, start_t_ns, t_s, detected_impact_s, end_s, criterion, motion)
     return Score(
         seen=seen,
         by_pads=by_pads,
@@ -148,7 +147,11 @@ def _risen(pads: Array, t_s: Array, impact_s: float) -> Array:
     """How far the pads (2, n, 3) are above where they were at the impact, m: so that where the bases stand drops
     out."""
     pad_z = pads[:, :, 2].mean(axis=0)
-    return pad_z - pad_z[min(int(np.searchsorted(t_s, impact_s)), len(pad_z) - 1)]
+    return pad_z - pad_z[_tick(t_s, impact_s)]
+
+
+def _tick(t_s: Array, at_s: float) -> int:
+    return min(int(np.searchsorted(t_s, at_s)), len(t_s) - 1)
 
 
 def _squeezed(
@@ -165,35 +168,24 @@ def _squeezed(
     return bool(together.all() and np.min(means) >= criterion.squeeze_n)
 
 
-def _held(
+def _followed(
     columns: Columns, pads: Array, start_t_ns: int, t_s: Array, impact_s: float, end_s: float,
-    criterion: SuccessCriterion,
+    criterion: SuccessCriterion, motion: Motion,
 ) -> bool:  # fmt: skip
-    """Whether the object followed the pads from the lift to the release, between impact_s and end_s."""
+    """Whether the object went with the pads between impact_s and end_s: up from the lift to the release, or along the
+    left pad's way over the table. Where the bases stand drops out."""
     poses = columns.object
-    pad_rise = _risen(pads, t_s, impact_s)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
-    rise = np.interp(pose_t_s, t_s, pad_rise)
-    carried = (pose_t_s > impact_s) & (pose_t_s < end_s) & (rise > criterion.lifted_m)
-    return bool(carried.any() and np.all(_lift(poses)[carried] > rise[carried] - criterion.slip_m))
-
-
-def _pushed(
-    columns: Columns, pads: Array, start_t_ns: int, t_s: Array, impact_s: float, end_s: float,
-    criterion: SuccessCriterion,
-) -> bool:  # fmt: skip
-    """Whether the object went with the left pad, along the pad's way, between impact_s and end_s."""
-    poses = columns.object
-    # how far each has gone over the table: where the base stands drops out
-    pad = pads[0, :, :2]
-    at_impact = min(int(np.searchsorted(t_s, impact_s)), len(pad) - 1)
-    way = np.linalg.norm(pad - pad[at_impact], axis=1)
-    pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
-    place = poses["position"][:, :2]
+    during = (pose_t_s > impact_s) & (pose_t_s < end_s)
+    if motion is Motion.GRAB:
+        rise = np.interp(pose_t_s, t_s, _risen(pads, t_s, impact_s))
+        carried = during & (rise > criterion.lifted_m)
+        return bool(carried.any() and np.all(_lift(poses)[carried] > rise[carried] - criterion.slip_m))
+    pad, place = pads[0, :, :2], poses["position"][:, :2]
+    way = np.linalg.norm(pad - pad[_tick(t_s, impact_s)], axis=1)
     gone = np.linalg.norm(place - np.median(place[:20], axis=0), axis=1)
-    pushed = (pose_t_s > impact_s) & (pose_t_s < end_s)
-    apart = np.abs(gone - np.interp(pose_t_s, t_s, way))[pushed]
-    return bool(gone[pushed].max(initial=0.0) > criterion.pushed_m and apart.max(initial=0.0) <= criterion.apart_m)
+    apart = np.abs(gone - np.interp(pose_t_s, t_s, way))[during]
+    return bool(gone[during].max(initial=0.0) > criterion.pushed_m and apart.max(initial=0.0) <= criterion.apart_m)
 
 
 def failure_reason(
