@@ -14,6 +14,7 @@ from rtstack.references.demonstration import Grab
 from rtstack.samples import LawInertia
 
 GRAVITY_M_S2 = 9.81
+RECORDINGS, LOGS = "references", "logs"  # folders of a campaign
 
 
 @checked(frozen=True, slots=True, config=STRICT)

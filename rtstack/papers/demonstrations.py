@@ -14,7 +14,7 @@ from rtstack.experiments.seeds import seed_of
 from rtstack.log.writing.job import Attachment
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.papers.conditions import Conditions, Reference
+from rtstack.papers.conditions import RECORDINGS, Conditions, Reference
 from rtstack.papers.simulated_cell import BuiltCell, conditioned_cell
 from rtstack.references.demonstration import grab
 from rtstack.safety.limits import HARDWARE
@@ -26,10 +26,6 @@ from rtstack.trials.record import RunSamples, WholeRunLog, cell_attachments, who
 from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification, Specification
-
-RECORDINGS = "references"
-LOGS = "logs"
-
 
 # Without a person in the cell a demonstration may hit as hard as a trial: plans ask for faster ones than the judge lets
 # hands make (rtstack.safety.limits). What the cell's file says holds.

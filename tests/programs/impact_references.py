@@ -18,7 +18,7 @@ import typer
 from rtstack.cells import load_description
 from rtstack.experiments.registry import plan_file
 from rtstack.impact_map import MapKind
-from rtstack.papers.demonstrations import LOGS, RECORDINGS
+from rtstack.papers.conditions import LOGS, RECORDINGS
 from rtstack.papers.impact_maps import reference as references
 from rtstack.papers.impact_maps import worker
 from rtstack.papers.impact_maps.evaluation import zero_feedback

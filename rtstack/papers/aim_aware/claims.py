@@ -123,11 +123,6 @@ def _beyond(e: Evaluation, at: Any) -> Finding:
     return Finding(_from(never), e.counted(near), "What is always expected is narrower already." if inside else "")
 
 
-def _ends(e: Evaluation, at: Any) -> Finding:
-    never = e.found[at].never
-    return Finding(_from(never), e.counted(None not in never))
-
-
 def _from(never: tuple[float | None, float | None]) -> str:
     below, above = ("nowhere" if edge is None else f"{edge:+g}" for edge in never)
     return f"from {below} and {above} deg on"
@@ -197,7 +192,8 @@ def _second(e: Evaluation, at: Any) -> Finding:
 JUDGES: dict[str, Judge] = {
     "band": lambda e, at: _about(e, at, e.run.study.tunings[at].always_deg),
     "mirrored band": lambda e, at: _about(e, at, e.run.study.tunings[at].mirrored().always_deg),
-    "ambiguity": _ambiguity, "beyond": _beyond, "ends": _ends,
+    "ambiguity": _ambiguity, "beyond": _beyond,
+    "ends": lambda e, at: Finding(_from(e.found[at].never), e.counted(None not in e.found[at].never)),
     "growing": _growing, "alike": _alike, "time window": _time_window, "off centre": _off_centre,
     "asymmetric": _asymmetric, "feasible": _feasible, "second corner": _second,
 }  # fmt: skip

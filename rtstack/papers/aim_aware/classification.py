@@ -1,7 +1,7 @@
 """One case: simulated once, then seen by every tuning."""
 
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,23 +9,11 @@ from numpy.typing import NDArray
 from rtstack.monitor.monitor import Assessment, Monitor
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.planar.plan import Plan, plan_impact
+from rtstack.papers.aim_aware.planar.plan import Meant, Plan, plan_impact
 from rtstack.papers.aim_aware.planar.simulation import simulate
 from rtstack.papers.aim_aware.study import Study
 
-
-class Meant(Protocol):
-    """What was meant: time s, joints (n,) at the impact, joint velocities (ticks, n) after it."""
-
-    @property
-    def t_d_s(self) -> float: ...
-    @property
-    def q_d(self) -> NDArray[np.floating]: ...
-    @property
-    def dq_post(self) -> NDArray[np.floating]: ...
-
-
-P = TypeVar("P", bound=Meant, covariant=True)
+P = TypeVar("P", bound=Meant[Any], covariant=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,6 @@ class MonitorStudy(Experiment[P, Case]):
         return import_module(f"{self.package}.worker").run_cases
 
     def report(self, results: Results) -> Report:
-        """See the module `report` of the package."""
         return import_module(f"{self.package}.report").report(self.specification, results)
 
     def stages(self) -> Stages:

@@ -12,7 +12,7 @@ from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
 from rtstack.papers.aim_aware.bands import Bands
-from rtstack.papers.aim_aware.classification import Impact, Meant
+from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Column
 from rtstack.papers.aim_aware.planar.plan import Plan
 
@@ -20,7 +20,7 @@ ANTE, POST, MEASURED, RED, BAND = "#009E73", "#E69F00", "#0072B2", "#D55E00", "#
 BEFORE_MS, AFTER_MS = 60.0, 160.0
 
 
-def _t_ms(impact: Impact[Meant]) -> NDArray[np.float64]:
+def _t_ms(impact: Impact) -> NDArray[np.float64]:
     return 1e-6 * (impact.ticks["t_ns"] - impact.t_d_ns)
 
 
@@ -77,7 +77,7 @@ def figure4(path: Path, impact: Impact[Plan], parameters: MonitorParameters) -> 
 
 @mpl.rc_context(STYLE)
 def figure6(
-    path: Path, impacts: Sequence[Impact[Meant]], parameters: MonitorParameters, joints: Sequence[int] = (0, 1, 2)
+    path: Path, impacts: Sequence[Impact], parameters: MonitorParameters, joints: Sequence[int] = (0, 1, 2)
 ) -> None:
     """Draw the velocity error and its envelope; blue: used for the verdict; red: zero lies outside."""
     figure, axes = new_figure(9.0, 5.4, nrows=len(joints), ncols=len(impacts), sharex="col", sharey="row")

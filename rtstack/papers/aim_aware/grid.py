@@ -11,6 +11,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, Positive, Real
 from rtstack.monitor.parameters import MonitorParameters
+from rtstack.trials.specification import like
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -96,11 +97,8 @@ class Column:
         self, residual_rate_nm_s: tuple[float, ...], configuration_rad: float, velocity_rad_s: float
     ) -> MonitorParameters:
         """Return the monitor's tuning with these epsilon and e_m in place of the paper's."""
-        return MonitorParameters(
-            residual_rate_nm_s=residual_rate_nm_s, window=self.window, delay=self.delay,
-            decay_1_s=self.decay_1_s, configuration_rad=configuration_rad, time_s=self.time_s,
-            horizon_s=self.horizon_s, velocity_rad_s=velocity_rad_s, spacing_s=self.spacing_s,
-        )  # fmt: skip
+        own = {"configuration_rad": configuration_rad, "velocity_rad_s": velocity_rad_s}
+        return like(MonitorParameters, self, residual_rate_nm_s=residual_rate_nm_s, **own)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -116,12 +114,9 @@ def monitors_of(
     columns: Mapping[str, Column], found: Mapping[str, Found], residual_rate_nm_s: tuple[float, ...]
 ) -> dict[str, MonitorParameters]:
     """Return the tunings by name, and with the prefix paper_ those of the paper's table to the letter."""
-    ours = {
-        name: column.parameters(residual_rate_nm_s, found[name].configuration_rad, found[name].velocity_rad_s)
-        for name, column in columns.items()
+    known: dict[str, tuple[Column, Column | Found]] = {name: (each, found[name]) for name, each in columns.items()}
+    known |= {f"paper_{name}": (each, each) for name, each in columns.items()}
+    return {
+        name: column.parameters(residual_rate_nm_s, bounds.configuration_rad, bounds.velocity_rad_s)
+        for name, (column, bounds) in known.items()
     }
-    paper = {
-        f"paper_{name}": column.parameters(residual_rate_nm_s, column.configuration_rad, column.velocity_rad_s)
-        for name, column in columns.items()
-    }
-    return ours | paper

@@ -4,7 +4,7 @@ from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar
+from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
@@ -46,6 +46,8 @@ class ContactMap:
 class Outline:
     """A study: task and grids (whole, sample, and `coarse` for the tuning), contacts, marks, tunings and claims."""
 
+    wanted_kind: ClassVar[str]
+    command: ClassVar[str]  # that finds its tuning
     noisy: ClassVar[bool] = False  # True if a case is one of several random draws
 
     kind: str
@@ -60,6 +62,15 @@ class Outline:
     tunings: dict[str, Column]
     claims: tuple[PlannedClaim, ...]
     registration: Registration | None
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read and check a plan file. Raises ConfigurationError with one line."""
+        outline = load_toml(path, cls)
+        if outline.kind != cls.wanted_kind:
+            raise ConfigurationError(f"{path}: key kind: expected {cls.wanted_kind!r}, found {outline.kind!r}")
+        outline.check(path)
+        return outline
 
     def check(self, path: Path) -> None:
         """Raise ConfigurationError if the parts do not fit together."""
@@ -136,12 +147,3 @@ class Portion(Generic[S, T]):
     def batch_of(self, case: Case) -> Hashable:
         """Return the key of the batch in which a case is run."""
         raise NotImplementedError
-
-
-def load_outline(path: Path, kind: type[S], name: str) -> S:
-    """Read and check the file of the study `name`. Raises ConfigurationError with one line."""
-    study: Any = load_toml(path, kind)
-    if study.kind != name:
-        raise ConfigurationError(f"{path}: key kind: expected {name!r}, found {study.kind!r}")
-    study.check(path)
-    return study

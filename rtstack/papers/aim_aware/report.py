@@ -20,7 +20,6 @@ from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_
 from rtstack.papers.aim_aware.figures import figure3, figure4, figure6, shares
 from rtstack.papers.aim_aware.grid import Case, Column, Found
 from rtstack.papers.aim_aware.outline import Portion
-from rtstack.papers.aim_aware.planar.plan import Plan
 from rtstack.papers.aim_aware.study import StudyRun
 
 SIGNALS = "signals.npz"
@@ -139,7 +138,12 @@ def _examples(run: StudyRun, out: Path) -> list[Figure]:
     plan = plan_case(study, *EXAMPLE)
     rate = run.tuned.residual_rate_nm_s
     impacts = [simulate_case(study, plan, Case(*EXAMPLE, deg), rate) for deg in SHOWN_DEG]
-    np.savez_compressed(out / SIGNALS, **_signals(impacts))
+    references = {
+        f"{name}_{part}": values
+        for name, reference in (("ante", plan.ante), ("post", plan.post))
+        for part, values in zip(("x", "dx", "ddx"), reference, strict=True)
+    }
+    save_signals(out, impacts, **references)
     of = f"approach {EXAMPLE[0]:g} deg, {EXAMPLE[1]:g} m"
     return [
         Figure("figure3.png", "Figure 3: references before and after the impact, dashed where extended, and the arm "
@@ -154,11 +158,7 @@ def _examples(run: StudyRun, out: Path) -> list[Figure]:
     ]  # fmt: skip
 
 
-def _signals(impacts: list[Impact[Plan]]) -> dict[str, Any]:
-    """Return arrays by name: each case's ticks, and the references that they share."""
-    signals: dict[str, Any] = {impact.case.id: impact.ticks for impact in impacts}
-    plan = impacts[0].plan
-    for name, reference in (("ante", plan.ante), ("post", plan.post)):
-        for part, values in zip(("x", "dx", "ddx"), reference, strict=True):
-            signals[f"{name}_{part}"] = values
-    return signals | {"dq_post": plan.dq_post, "q_d": plan.q_d, "t_d_s": plan.t_d_s}
+def save_signals(out: Path, impacts: Sequence[Impact], **more: Any) -> None:
+    """Write arrays by name: each case's ticks, more, and what was meant, which they share."""
+    plan, ticks = impacts[0].plan, {impact.case.id: impact.ticks for impact in impacts}
+    np.savez_compressed(out / SIGNALS, **ticks, **more, dq_post=plan.dq_post, q_d=plan.q_d, t_d_s=plan.t_d_s)

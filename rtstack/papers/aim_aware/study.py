@@ -2,18 +2,18 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, NotNegative, Positive
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
-from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, load_outline
+from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion
 from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm
 from rtstack.papers.aim_aware.tuned import tuned_for
 
 STUDY = "aim-aware-planar"
-COMMAND = "python -m rtstack.papers.aim_aware.tuning"
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -46,6 +46,8 @@ class Tuned:
 class Study(Outline):
     """The plan file of the study."""
 
+    wanted_kind: ClassVar[str] = STUDY
+    command: ClassVar[str] = "python -m rtstack.papers.aim_aware.tuning"
     arm: PlanarArm
     contact: Contact
     gains: Gains
@@ -81,12 +83,7 @@ class StudyRun(Portion[Study, Tuned]):
         return replace(self, study=replace(self.study, contact=law), tuned=tuned)
 
 
-def load_study(path: Path) -> Study:
-    """Read and check a plan file. Raises ConfigurationError with one line."""
-    return load_outline(path, Study, STUDY)
-
-
 def load_run(path: Path, quick: bool) -> StudyRun:
     """Read a plan file and its tuning. Raises ConfigurationError with one line."""
-    study = load_study(path)
-    return StudyRun.of(study, tuned_for(path, study.name, Tuned, f"{COMMAND} {path}"), quick)
+    study = Study.load(path)
+    return StudyRun.of(study, tuned_for(path, study.name, Tuned, f"{study.command} {path}"), quick)

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
 
 from hal.base.configuration import ConfigurationError, load_toml
 from rtstack.experiments.registration import UNDIGESTED
@@ -15,14 +15,7 @@ from rtstack.experiments.registration import UNDIGESTED
 NOT_TUNED_ON = (*UNDIGESTED, "marks", "contacts", "cell", "logs")
 
 
-class OfAStudy(Protocol):
-    """A tuning with the digest of the plan file that it was found for."""
-
-    @property
-    def study_digest(self) -> str: ...
-
-
-T = TypeVar("T", bound=OfAStudy)
+T = TypeVar("T")
 
 
 def digest_of(*paths: Path) -> str:
@@ -39,14 +32,15 @@ def tuning_file(name: str) -> Path:
 
 
 def tuned_for(path: Path, name: str, kind: type[T], command: str, further: Sequence[Path] = ()) -> T:
-    """Return the tuning of the study `name` at `path`. further: other files on which the tuning depends.
+    """Return the tuning of the study `name` at `path`. kind: has the `study_digest` of the plan file that it was found
+    for; further: other files on which the tuning depends.
 
     Raises ConfigurationError, with the command that finds it again.
     """
     tuning = tuning_file(name)
     if not tuning.exists():
         raise ConfigurationError(f"{path}: no tuning for {name} exists: find it with `{command}`")
-    tuned = load_toml(tuning, kind)
+    tuned: Any = load_toml(tuning, kind)
     if tuned.study_digest != digest_of(path, *further):
         raise ConfigurationError(f"{tuning} was found for another {path.name}: find it again with `{command}`")
     return tuned

@@ -25,7 +25,7 @@ from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Case, Column, Found
 from rtstack.papers.aim_aware.outline import Outline
-from rtstack.papers.aim_aware.study import COMMAND, Study, Tuned, load_study
+from rtstack.papers.aim_aware.study import Study, Tuned
 from rtstack.papers.aim_aware.tuned import digest_of, tuning_file
 
 SEPARATIONS = "separations: of each candidate for r_b, by tuning; none: wanted and unwanted cases cannot be told apart"
@@ -93,7 +93,7 @@ def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:
 
 def tune(path: Path) -> Tuned:
     """Return the tuning of the study at `path`. Raises ConfigurationError if no candidate separates the cases."""
-    study = load_study(path)
+    study = Study.load(path)
     candidates = {rate: find(study, rate) for rate in track(study.tuning.residual_rate_nm_s, "candidates for r_b")}
     good = {rate: found for rate, found in candidates.items() if found is not None}
     if not good:
@@ -105,19 +105,17 @@ def tune(path: Path) -> Tuned:
     return Tuned(digest_of(path), best, good[best], separations)
 
 
-def write_tuning(
-    study: str, load: Callable[[Path], Outline], tune: Callable[[Path], Any], command: str, *notes: str
-) -> None:
-    """Command line: tune a study, given by path or name, and write deploy/tunings/NAME.toml.
+def write_tuning(kind: type[Outline], tune: Callable[[Path], Any], *notes: str) -> None:
+    """Command line: tune a study of this kind, given by path, and write deploy/tunings/NAME.toml.
 
-    command: the command line; notes: comments about the file's keys.
+    notes: comments about the file's keys.
     """
     parser = argparse.ArgumentParser(description="Tune a study on its coarse grid.")
-    parser.add_argument("study", nargs="?", type=Path, default=plan_file(study).path)
+    parser.add_argument("study", nargs="?", type=Path, default=plan_file(kind.wanted_kind).path)
     path = parser.parse_args().study
     try:
-        name = load(path).name
-        found = f"Found by `{command}` on the coarse grid of {name}.toml: run it again, do not edit."
+        name = kind.load(path).name
+        found = f"Found by `{kind.command}` on the coarse grid of {name}.toml: run it again, do not edit."
         text = toml_text(asdict(tune(path)), found, SEPARATIONS, *notes)
     except ConfigurationError as error:
         parser.exit(2, f"rtstack: {error}\n")
@@ -129,4 +127,4 @@ def write_tuning(
 
 
 if __name__ == "__main__":
-    write_tuning("aim-aware-planar", load_study, tune, COMMAND)
+    write_tuning(Study, tune)

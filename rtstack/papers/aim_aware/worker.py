@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rtstack.experiments.experiment import Row
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.classification import Impact, Meant, plan_case, simulate_case
+from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.planar.plan import Plan
 from rtstack.papers.aim_aware.study import StudyRun
@@ -32,7 +32,7 @@ def verdict_columns(names: Iterable[str]) -> dict[str, Any]:
     return known | {"cpu_s": float}
 
 
-def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -> Row:
+def verdicts(impact: Impact, monitors: Mapping[str, MonitorParameters]) -> Row:
     """Return the verdict of each tuning on an impact, and its detected impacts, which all tunings share.
 
     first_ms, last_ms: after the planned time; None without one.

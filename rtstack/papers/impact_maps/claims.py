@@ -1,6 +1,6 @@
 """The judges of the paper's claims, which its plan has in words: what a campaign says about each."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -27,16 +27,16 @@ def judge_claims(claims: Sequence[PlannedClaim], under: Sequence[Table]) -> list
     return judged(some, JUDGES, under)
 
 
-def _of(under: Sequence[Table], at: object) -> Table:
-    return next(table for table in under if table.motion == at)
+def _of_table(judge: Callable[[Table], Finding]) -> Judge:
+    """Return the judge of a claim about one table, that of the motion `at`."""
+    return lambda under, at: judge(next(table for table in under if table.motion == at))
 
 
 def _percent(interval: Interval | None) -> str:
     return shown(interval, " %", 2)
 
 
-def _small(under: Sequence[Table], at: object) -> Finding:
-    table = _of(under, at)
+def _small(table: Table) -> Finding:
     error = table.absolute((SINGLE, B_THETA))
     ours = f"{_percent(error)}; converged map {_percent(table.absolute((CONVERGED, B_THETA)))}"
     return Finding(ours, at_most(error, LARGEST_ERROR), _why_single(table))
@@ -63,15 +63,14 @@ def _why_single(table: Table) -> str:
 
 
 def _lower(first: ReflectedInertia, second: ReflectedInertia) -> Judge:
-    def judge(under: Sequence[Table], at: object) -> Finding:
-        table = _of(under, at)
+    def judge(table: Table) -> Finding:
         difference = table.less((SINGLE, first), (SINGLE, second))
         ours = "; ".join(f"{NAMES[kind]} {_percent(table.absolute((SINGLE, kind)))}" for kind in NAMES)
         ours += f". {NAMES[first]} less {NAMES[second]}: {_percent(difference)}; converged map: "
         ours += _percent(table.less((CONVERGED, first), (CONVERGED, second)))
         return Finding(ours, at_most(difference, 0.0), _apart(table, first, second))
 
-    return judge
+    return _of_table(judge)
 
 
 def _apart(table: Table, first: ReflectedInertia, second: ReflectedInertia) -> str:
@@ -82,34 +81,32 @@ def _apart(table: Table, first: ReflectedInertia, second: ReflectedInertia) -> s
 
 
 def _bias(kind: ReflectedInertia, above: bool) -> Judge:
-    def judge(under: Sequence[Table], at: object) -> Finding:
-        table = _of(under, at)
+    def judge(table: Table) -> Finding:
         average = table.average((SINGLE, kind))
         verdict = at_least(average, 0.0) if above else at_most(average, 0.0)
         return Finding(f"{_percent(average)}; converged map {_percent(table.average((CONVERGED, kind)))}", verdict)
 
-    return judge
+    return _of_table(judge)
 
 
-def _over_in_every_line(under: Sequence[Table], at: object) -> Finding:
-    table = _of(under, at)
+def _over_in_every_line(table: Table) -> Finding:
     errors = [error for robot in table.robots for error in table.errors((SINGLE, B), robot)]
     over = sum(error > 0.0 for error in errors)
     said = f"in {over} of {len(errors)} (lines times robots)"
     return Finding(said, verdict_of(over == len(errors)) if errors else ClaimStatus.UNDECIDED)
 
 
-def _straight(under: Sequence[Table], at: object) -> Finding:
-    worst = _of(under, at).r_squared
+def _straight(table: Table) -> Finding:
+    worst = table.r_squared
     if worst is None:
         return Finding("-", ClaimStatus.UNDECIDED)
     why = "Friction that scatters from trial to trial holds what (29) integrates, the more the heavier the object."
     return Finding(f"at least {worst:.4f}", verdict_of(worst >= LEAST_R_SQUARED), why)
 
 
-def _configuration(under: Sequence[Table], at: object) -> Finding:
+def _configuration(table: Table) -> Finding:
     """Estimate of case 3 less that of case 1 of the heaviest object, robot by robot."""
-    cells = {(cell.object, cell.case): cell for cell in _of(under, at).cells}
+    cells = {(cell.object, cell.case): cell for cell in table.cells}
     heaviest = max((thing for thing, _ in cells), default="")
     first, third = cells.get((heaviest, "1")), cells.get((heaviest, "3"))
     if first is None or third is None:
@@ -137,10 +134,9 @@ def _best_and_worst(under: Sequence[Table], _at: object) -> Finding:
 
 def _swings_more(under: Sequence[Table], _at: object) -> Finding:
     swing = {
-        motion: plain_mean(s for cell in _of(under, motion).cells if (s := cell.swing_percent) is not None)
-        for motion in Motion
+        table.motion: plain_mean(s for cell in table.cells if (s := cell.swing_percent) is not None) for table in under
     }
-    words = "; ".join(f"{motion} {_percent(value)}" for motion, value in swing.items())
+    words = "; ".join(f"{motion} {_percent(swing[motion])}" for motion in Motion)
     push, grab = swing[Motion.HIT_AND_PUSH], swing[Motion.GRAB]
     if push is None or grab is None or push.high is None or grab.low is None:
         return Finding(words, ClaimStatus.UNDECIDED)
@@ -149,14 +145,12 @@ def _swings_more(under: Sequence[Table], _at: object) -> Finding:
     return Finding(words, ClaimStatus.WITHIN if push.mean < grab.mean else ClaimStatus.UNDECIDED)
 
 
-def _drops(under: Sequence[Table], at: object) -> Finding:
-    table = _of(under, at)
+def _drops(table: Table) -> Finding:
     drop = table.over_robots(lambda robot: float(np.mean([cell.drop[robot] for cell in table.cells if cell.fits])))
     return Finding(f"{_percent(drop)} of the prediction", at_most(drop, 0.0))
 
 
-def _converged_is_nearer(under: Sequence[Table], at: object) -> Finding:
-    table = _of(under, at)
+def _converged_is_nearer(table: Table) -> Finding:
     return Finding(
         f"single step {_percent(table.absolute((SINGLE, B_THETA)))}, converged "
         f"{_percent(table.absolute((CONVERGED, B_THETA)))}",
@@ -165,10 +159,11 @@ def _converged_is_nearer(under: Sequence[Table], at: object) -> Finding:
 
 
 JUDGES: dict[str, Judge] = {
-    "small_error": _small, "straight": _straight, "drops": _drops, "configuration": _configuration,
+    "small_error": _of_table(_small), "straight": _of_table(_straight), "drops": _of_table(_drops),
+    "configuration": _of_table(_configuration), "converged_is_nearer": _of_table(_converged_is_nearer),
     "better_than_B": _lower(B_THETA, B), "better_than_none": _lower(B_THETA, NONE),
     "none_as_good": _lower(NONE, B_THETA), "overestimates": _bias(B_THETA, above=True),
     "none_underestimates": _bias(NONE, above=False), "B_overestimates": _bias(B, above=True),
-    "B_over_in_every_line": _over_in_every_line, "best_and_worst": _best_and_worst, "swings_more": _swings_more,
-    "converged_is_nearer": _converged_is_nearer,
+    "B_over_in_every_line": _of_table(_over_in_every_line), "best_and_worst": _best_and_worst,
+    "swings_more": _swings_more,
 }  # fmt: skip

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
+from rtstack.papers.conditions import LOGS, RECORDINGS
 from rtstack.papers.impact_maps.plan import (
+    SWEEPS,
     FreeRuns,
     PlannedReference,
     ValidationPlan,
@@ -62,14 +64,10 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         return load_validation_plan(path, quick)
 
     def size(self) -> int:
-        """Return how many trials have a reference."""
         return len(self.cases(()))
 
     def stages(self) -> Stages:
         """Identify friction, then what is left along each reference, then plan. Raises TrialError without friction."""
-        from rtstack.papers.demonstrations import LOGS, RECORDINGS
-        from rtstack.papers.impact_maps.worker import SWEEPS
-
         for name in (SWEEPS, RECORDINGS, LOGS):
             (self.request.out / name).mkdir(exist_ok=True)
         if not self._bench.on_arms:
@@ -80,7 +78,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
     def _identify(self) -> Stages:
         """Make the runs of Appendix A that are missing, and for each robot the file that its controller reads."""
         from rtstack.identification.procedure import Identification, lowest_object, runs_of
-        from rtstack.papers.impact_maps.worker import SWEEPS, friction_file, identify, sweep_file
+        from rtstack.papers.impact_maps.worker import friction_file, identify, sweep_file
         from rtstack.trials.friction import friction_toml
 
         plan, out = self.specification, self.request.out
@@ -110,7 +108,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
     def _identify_along(self) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
         """Make what is missing of the runs along the references; return what could not be made, and why."""
         from rtstack.papers.impact_maps.reference import identify_along
-        from rtstack.papers.impact_maps.worker import SWEEPS
 
         plan, folder = self.specification, self.request.out / SWEEPS
         missing = {one.file: one for one in plan.free_runs() if not (folder / one.file).exists()}
@@ -127,7 +124,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
     def _run_free(self, missing: Iterable[FreeRuns]) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
         """Have the arms make the runs that have no log yet. Returns why, of those that cannot be made."""
         from rtstack.papers.impact_maps.reference import free_run_on_arms, identify_along
-        from rtstack.papers.impact_maps.worker import SWEEPS
         from rtstack.trials.review import has_succeeded
 
         plan, folder = self.specification, self.request.out / SWEEPS
@@ -142,7 +138,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     def _plan_references(self, not_identified: dict[FreeRuns, str]) -> Stages:
         """Plan what is missing; a reference along which nothing could be identified is refused, too."""
-        from rtstack.papers.demonstrations import RECORDINGS
         from rtstack.papers.impact_maps.reference import plan_reference
 
         plan, folder = self.specification, self.request.out / RECORDINGS
@@ -164,7 +159,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         return [trial for trial in plan.trials() if plan.reference(trial) not in self.refused]
 
     def tasks(self, cases: Sequence[ValidationTrial]) -> Iterable[Task]:
-        """Return a task for each trial."""
         from rtstack.papers.impact_maps.worker import run
 
         for trial in cases:
@@ -181,7 +175,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         return row_of_log(self._bench, case, self.specification.setting(case), log, self.columns)
 
     def report(self, results: Results) -> Report:
-        """See rtstack.papers.impact_maps.report."""
         from rtstack.papers.impact_maps.report import report
 
         return report(self.specification, self.description, results, self.refused)

@@ -22,6 +22,7 @@ from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 from rtstack.trials.errors import TrialError
 
+SWEEPS = "identification"  # the folder of what was identified
 Count = Annotated[int, Field(ge=1, le=1000)]
 
 # what counts: the pushing pad along the world's -y, both pads along z (Sections VI-A and VI-B)

@@ -23,11 +23,19 @@ from rtstack.experiments.experiment import CellRun
 from rtstack.experiments.seeds import seed_of
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
-from rtstack.papers.demonstrations import RECORDINGS
+from rtstack.papers.conditions import RECORDINGS
 from rtstack.papers.impact_maps.feedback import AFTER_S
-from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, Gains, JointFriction, PlannedReference, Scenario
+from rtstack.papers.impact_maps.plan import (
+    DIRECTIONS,
+    SWEEPS,
+    FreeRuns,
+    Gains,
+    JointFriction,
+    PlannedReference,
+    Scenario,
+)
 from rtstack.papers.impact_maps.prediction import predict
-from rtstack.papers.impact_maps.worker import SWEEPS, ValidationBench, parameters_of, validation_cell
+from rtstack.papers.impact_maps.worker import ValidationBench, parameters_of, validation_cell
 from rtstack.planning import GrabPlan, PlanError, PlannedMotion, PushPlan, plan_grab, plan_push
 from rtstack.planning.file import write_plan
 from rtstack.planning.free import FreeMotion, PlanPhase, compensated, free_motion

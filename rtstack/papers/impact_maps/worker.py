@@ -18,10 +18,12 @@ from rtstack.impact_map import ReflectedInertia
 from rtstack.log.reader import Log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
-from rtstack.papers.demonstrations import LOGS, RECORDINGS, CampaignBench, campaign_record, record_of
+from rtstack.papers.conditions import LOGS, RECORDINGS
+from rtstack.papers.demonstrations import CampaignBench, campaign_record, record_of
 from rtstack.papers.impact_maps.feedback import feedback_signal
 from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
+    SWEEPS,
     Gains,
     JointFriction,
     Setting,
@@ -66,9 +68,6 @@ def validation_cell(
         scatter = replace(parameters.scatter, motor_inertia=conditions.motor_inertia_scatter)
         parameters = replace(parameters, scatter=scatter)
     return BuiltCell(scene, parameters, object_name or NO_OBJECT, seed, arms_seed=robot)
-
-
-SWEEPS = "identification"
 
 
 def friction_file(robot: int) -> str:

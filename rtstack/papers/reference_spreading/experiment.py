@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hal.base.configuration import toml_text
+from hal.base.files import PARTIAL
 from rtstack.experiments.experiment import SIMULATED, CellRun, Experiment, Request, Results, Row, Stages, Task
 from rtstack.experiments.registry import plan_file
 from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
+from rtstack.papers.conditions import LOGS
 from rtstack.papers.reference_spreading.plan import Plan, Trial, load_plan
 from rtstack.trials.errors import TrialError
 
@@ -120,7 +122,6 @@ class ControllerComparison(Experiment[Plan, Trial]):
     def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
         """Take the rows of trials from their logs, which are the truth."""
         from rtstack.experiments.case_log import row_of
-        from rtstack.papers.demonstrations import LOGS
 
         archive = self._bench.archive
         logs = archive.names(LOGS)
@@ -130,7 +131,6 @@ class ControllerComparison(Experiment[Plan, Trial]):
                 yield row
 
     def tasks(self, cases: Sequence[Trial]) -> Iterable[Task]:
-        """Return a task for each trial."""
         from rtstack.papers.reference_spreading.worker import run
 
         conditions = self.specification.conditions
@@ -148,15 +148,11 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
     def tidy(self) -> None:
         """Remove the halves of logs that workers left which were killed."""
-        from hal.base.files import PARTIAL
-        from rtstack.papers.demonstrations import LOGS
-
         for name in self._bench.archive.names(LOGS):
             if name.endswith(PARTIAL):
                 self._bench.archive.remove(f"{LOGS}/{name}")
 
     def report(self, results: Results) -> Report:
-        """See rtstack.papers.reference_spreading.report."""
         from rtstack.papers.reference_spreading.report import report
 
         return report(self.specification, self._bench, results, self._unrecorded)

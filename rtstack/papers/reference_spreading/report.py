@@ -14,8 +14,8 @@ from rtstack.experiments.generic import mean_figure, mean_table
 from rtstack.experiments.report import PAGE, Figure, Report, Section, Table
 from rtstack.experiments.statistics import Interval
 from rtstack.model.cell_description import CellDescription
-from rtstack.papers.conditions import Reference
-from rtstack.papers.demonstrations import RECORDINGS, Bench
+from rtstack.papers.conditions import RECORDINGS, Reference
+from rtstack.papers.demonstrations import Bench
 from rtstack.papers.reference_spreading.beyond import COMPARED, judge_beyond, summary
 from rtstack.papers.reference_spreading.claims import judge_claims
 from rtstack.papers.reference_spreading.controllers import NAMES, millimetres, name_of
@@ -115,13 +115,11 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[
 
 
 def _figure11_table(evaluation: Evaluation) -> Table:
-    lines = []
-    for d in evaluation.displacements():
-        for label, column in (
-            (millimetres(d), "average_force_norm"),
-            ("force part alone, N", "average_force_norm_linear_n"),
-        ):
-            lines.append([label, *(shown(evaluation.mean_force(c, d, column)) for c in NAMES)])
+    lines = [
+        [label or millimetres(d), *(shown(evaluation.mean_force(c, d, column)) for c in NAMES)]
+        for d in evaluation.displacements()
+        for label, column in zip(("", "force part alone, N"), FORCES, strict=True)
+    ]
     return Table("Figure 11: mean desired force norm", ("displacement", *NAMES.values()), lines)
 
 

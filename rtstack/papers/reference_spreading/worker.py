@@ -15,8 +15,8 @@ from rtstack.experiments.case_log import recorded_result
 from rtstack.experiments.experiment import CellRun, Row
 from rtstack.log.reader import Log
 from rtstack.loop.history import Columns
-from rtstack.papers.conditions import Conditions
-from rtstack.papers.demonstrations import LOGS, RECORDINGS, Bench, Reference, campaign_record, record_of
+from rtstack.papers.conditions import LOGS, RECORDINGS, Conditions, Reference
+from rtstack.papers.demonstrations import Bench, campaign_record, record_of
 from rtstack.papers.reference_spreading.measures import measure
 from rtstack.papers.reference_spreading.plan import Trial
 from rtstack.samples import LawInertia

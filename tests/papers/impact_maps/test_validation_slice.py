@@ -16,13 +16,13 @@ from rtstack.experiments.runner import Runner
 from rtstack.experiments.store import Store
 from rtstack.impact_map import ReflectedInertia
 from rtstack.log.reader import read_log
-from rtstack.papers.demonstrations import RECORDINGS
+from rtstack.papers.conditions import RECORDINGS
 from rtstack.papers.impact_maps.evaluation import tables
 from rtstack.papers.impact_maps.experiment import Validation
-from rtstack.papers.impact_maps.plan import DIRECTIONS, JointFriction, load_validation_plan
+from rtstack.papers.impact_maps.plan import DIRECTIONS, SWEEPS, JointFriction, load_validation_plan
 from rtstack.papers.impact_maps.prediction import MapKind
 from rtstack.papers.impact_maps.reference import plan_reference
-from rtstack.papers.impact_maps.worker import SWEEPS, friction_file
+from rtstack.papers.impact_maps.worker import friction_file
 from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml

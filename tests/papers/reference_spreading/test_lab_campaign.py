@@ -10,8 +10,8 @@ from rtstack.experiments.experiment import Request
 from rtstack.experiments.registry import plan_file
 from rtstack.experiments.seeds import seed_of
 from rtstack.log.reader import read_log
-from rtstack.papers.conditions import Reference
-from rtstack.papers.demonstrations import RECORDINGS, Bench, record
+from rtstack.papers.conditions import RECORDINGS, Reference
+from rtstack.papers.demonstrations import Bench, record
 from rtstack.papers.reference_spreading.experiment import ControllerComparison
 from rtstack.papers.reference_spreading.plan import load_plan
 from rtstack.trials.errors import TrialError

@@ -10,11 +10,10 @@ from rtstack.papers.aim_aware.arm.study import ArmRun, LogFolder, load_arm_run, 
 from rtstack.papers.aim_aware.experiment import MonitorStudy
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.tuned import tuning_file
+from rtstack.papers.conditions import LOGS
 
 if TYPE_CHECKING:
     from rtstack.log.reader import Log
-
-LOGS = "logs"
 
 
 class PlatformStudy(MonitorStudy[ArmRun]):

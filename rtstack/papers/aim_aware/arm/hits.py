@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.base.arrays import Seven
+from hal.base.arrays import Seven, seven
 from hal.base.configuration import ConfigurationError
 from hal.pad import Pad
 from rtstack.experiments.experiment import DIRECT
@@ -82,9 +82,8 @@ def prepare_hit(
 def hit_case(study: ArmStudy, case: Case, prepared: PreparedHit, log: RunLog | None = None, kind: str = DIRECT) -> Hit:
     """Run one hit on a cell of its own: the same robot whatever the seed, which draws noise, and how exactly the
     platform is set up. kind: see BuiltCell. Raises what opening it raises."""
-    a, b, c, d, e, f, g = map(float, prepared.plan.q_start)
     setup, seed = study.setup, prepared.specification.seed
-    scene = hit_scene(setup, (a, b, c, d, e, f, g), case.inclination_deg, seed)
+    scene = hit_scene(setup, seven(prepared.plan.q_start), case.inclination_deg, seed)
     built = BuiltCell(scene, _simulated()[1], NOTHING, seed, arms_seed=setup.robot)
     return carry_out(prepared, built.host(kind, log))
 

@@ -4,9 +4,6 @@ from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.report import Figure, Report
@@ -15,7 +12,7 @@ from rtstack.papers.aim_aware.arm.worker import judged_case
 from rtstack.papers.aim_aware.figures import figure6
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.platform.plan import IN_PLANE
-from rtstack.papers.aim_aware.report import SIGNALS, study_report
+from rtstack.papers.aim_aware.report import save_signals, study_report
 
 SHOWN_DEG = (-8.0, 0.0, 4.0)  # inclinations in the figure of single hits, at the first approach angle
 
@@ -33,9 +30,7 @@ def _examples(run: ArmRun, out: Path) -> Figure:
     approach_deg, location_m = run.grid.plans()[0]
     unlogged = replace(run, logs=None)
     impacts = [judged_case(unlogged, Case(approach_deg, location_m, deg))[0] for deg in SHOWN_DEG]
-    signals: dict[str, Any] = {impact.case.id: impact.ticks for impact in impacts}
-    plan = impacts[0].plan
-    np.savez_compressed(out / SIGNALS, **signals, dq_post=plan.dq_post, q_d=plan.q_d, t_d_s=plan.t_d_s)
+    save_signals(out, impacts)
     tuning = list(run.study.tunings)[-1]
     caption = f"Figure 6(b): velocity error of joints 2, 4 and 6 and its envelope widened by e_m, tuning ({tuning}), "
     caption += f"approach {approach_deg:g} deg. Blue: used for the verdict; red: zero lies outside."

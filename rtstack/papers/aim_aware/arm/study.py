@@ -15,7 +15,7 @@ from rtstack.experiments.experiment import DIRECT
 from rtstack.model.cell_description import ArmMounting, CellDescription, load_cell_description
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
-from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, load_outline
+from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion
 from rtstack.papers.aim_aware.platform.hit import HitGains
 from rtstack.papers.aim_aware.tuned import tuned_for
 from rtstack.papers.conditions import files_of_plant
@@ -101,6 +101,8 @@ class ArmStudy(Outline):
     logs: whether each judged hit has a log.
     """
 
+    wanted_kind: ClassVar[str] = STUDY
+    command: ClassVar[str] = COMMAND
     noisy: ClassVar[bool] = True
     seed: Annotated[int, Field(ge=0)]
     mounting: ArmMounting
@@ -165,14 +167,9 @@ class ArmRun(Portion[ArmStudy, ArmTuned]):
         return replace(self, study=study, tuned=replace(self.tuned, learned={}))
 
 
-def load_arm_study(path: Path) -> ArmStudy:
-    """Read and check a plan file. Raises ConfigurationError with one line."""
-    return load_outline(path, ArmStudy, STUDY)
-
-
 def load_arm_run(path: Path, quick: bool) -> ArmRun:
     """Read a plan file and its tuning for this plant. Raises ConfigurationError with one line."""
-    study = load_arm_study(path)
+    study = ArmStudy.load(path)
     tuned = tuned_for(path, study.name, ArmTuned, f"{COMMAND} {path}", platform_files())
     missing = [f"{deg:g}" for deg in study.grid.approach_deg.values() if f"{deg:g}" not in tuned.learned]
     if missing:

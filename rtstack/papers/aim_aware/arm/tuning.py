@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
+from hal.base.arrays import seven
 from hal.base.configuration import ConfigurationError
 from rtstack.papers.aim_aware.arm.hits import LARGE, Twist, learn, nominal_hits, prior, tuning_hit
-from rtstack.papers.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Rates, load_arm_study, platform_files
+from rtstack.papers.aim_aware.arm.study import ArmStudy, ArmTuned, Rates, platform_files
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case, Found
 from rtstack.papers.aim_aware.platform.plan import PERIOD_S
@@ -54,7 +55,7 @@ def _needs(study: ArmStudy, rates: Rates, learned: dict[str, Twist]) -> dict[str
 
 def tune(path: Path) -> ArmTuned:
     """Return the tuning of the study at `path`. Raises ConfigurationError if no candidate separates the cases."""
-    study = load_arm_study(path)
+    study = ArmStudy.load(path)
     nominal = nominal_hits(study, study.coarse.approach_deg.values())
     quiet = _quiet(study, nominal)
     separations: dict[str, list[float]] = {}
@@ -101,13 +102,12 @@ def separated(study: ArmStudy, needs: dict[str, dict[Case, Need]], mirrored: boo
 
 
 def _seven(values: NDArray[np.float64]) -> Rates:
-    a, b, c, d, e, f, g = (float(f"{value:.3g}") for value in values)
-    return a, b, c, d, e, f, g
+    return seven([float(f"{value:.3g}") for value in values])
 
 
 if __name__ == "__main__":
     write_tuning(
-        "aim-aware-arm", load_arm_study, tune, COMMAND,
+        ArmStudy, tune,
         "noise_factor: r_b over the residual's largest rate in free motion, quiet_nm_s",
         "mirrored: the paper's bands with the sign of the inclinations turned round",
         "learned: by approach, deg: the pad's velocity after a nominal impact, x m/s, z m/s, about y rad/s",

@@ -56,17 +56,14 @@ class GrabStudy(Experiment[Judged, GrabCase]):
             raise TrialError(f"the reference {name} could not be recorded: {reason}")
 
     def cases(self, rows: Sequence[Row]) -> list[GrabCase]:
-        """Return all cases."""
         return self.specification.cases()
 
     def tasks(self, cases: Sequence[GrabCase]) -> Iterable[Task]:
-        """Return a task for each case."""
         from rtstack.papers.aim_aware.grab.worker import run_case
 
         return [Task(case.id, run_case, (self._grab, case), (case,)) for case in cases]
 
     def report(self, results: Results) -> Report:
-        """See rtstack.papers.aim_aware.grab.report."""
         from rtstack.papers.aim_aware.grab.report import report
 
         return report(self._tunings, results, self.specification.claims)

@@ -9,8 +9,8 @@ from rtstack.experiments.experiment import Row
 from rtstack.model.cell_description import load_cell_description
 from rtstack.monitor.pair import PairParameters
 from rtstack.papers.aim_aware.grab.cases import FaultKind, Faults, GrabCase
-from rtstack.papers.conditions import Conditions, Reference
-from rtstack.papers.demonstrations import RECORDINGS, Bench
+from rtstack.papers.conditions import RECORDINGS, Conditions, Reference
+from rtstack.papers.demonstrations import Bench
 from rtstack.papers.simulated_cell import conditioned_cell
 from rtstack.trials.carry_out import carry_out
 from rtstack.trials.specification import TrialSpecification, like

@@ -1,6 +1,7 @@
 """What an impact is meant to be: ante- and post-impact references that the impact map joins (Section III-A)."""
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,20 +55,30 @@ def joints_at(arm: NDArray[np.void], x: Array) -> Array:
     return np.stack([q1, q2, psi3 - q1 - q2], axis=-1)
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """References (ticks, 3) in x, y, phi before and after the impact at t_d_s, each extended beyond it.
+R = TypeVar("R", covariant=True)
 
-    q_d (3,): the joints at the impact; dq_post (ticks, 3): the joint velocities (14) that are expected after it.
+
+@dataclass(frozen=True, slots=True)
+class Meant(Generic[R]):
+    """References before and after the impact at t_d_s, each extended beyond it.
+
+    q_start, q_d (n,): joints at the start and at the impact; dq_post (ticks, n): the joint velocities (14) that are
+    expected after it.
     """
 
     t_d_s: float
     q_start: Array
     q_d: Array
-    impulses: Array
-    ante: Reference
-    post: Reference
+    ante: R
+    post: R
     dq_post: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Plan(Meant[Reference]):
+    """Of the planar arm: references (ticks, 3) in x, y, phi. impulses: of the two corners, Ns."""
+
+    impulses: Array
 
 
 def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float, x_m: float) -> Plan:
@@ -91,7 +102,7 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
     if not np.isfinite(q_ref[: len(t_s)][t_s <= t_d]).all() or not np.isfinite(q_ref[len(t_s) :]).all():
         raise ValueError(f"the way to x = {x_m:g} m is out of the arm's reach")
     dq_post = [np.linalg.solve(model_at(arm, q)[1], v) for q, v in zip(q_ref[len(t_s) :], post[1], strict=True)]
-    return Plan(t_d, q_ref[0], q_d, impulses, ante, post, np.array(dq_post))
+    return Plan(t_d, q_ref[0], q_d, ante, post, np.array(dq_post), impulses)
 
 
 def impact_references(task: Task, t_s: Array, hit: Array, before: Array, after: Array) -> tuple[Reference, Reference]:

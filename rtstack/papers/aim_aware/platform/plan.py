@@ -11,7 +11,7 @@ from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting
 from rtstack.papers.aim_aware.planar.parameters import Task
-from rtstack.papers.aim_aware.planar.plan import Reference, approach_velocity, impact_references
+from rtstack.papers.aim_aware.planar.plan import Meant, Reference, approach_velocity, impact_references
 
 IN_PLANE = [1, 3, 5]  # joints 2, 4, 6 turn about the y axis while the others are straight
 AXES = [0, 2, 4]  # of a twist: x, z, about y
@@ -21,19 +21,8 @@ REACHED = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
-class HitPlan:
-    """References before and after the impact at t_d_s, (n,) of POINT, each extended beyond it.
-
-    q_start, q_d (7,): joints at the start and at the impact; dq_post (n, 7): the joint velocities (14) that are
-    expected after it.
-    """
-
-    t_d_s: float
-    q_start: Array
-    q_d: Array
-    ante: NDArray[np.void]
-    post: NDArray[np.void]
-    dq_post: Array
+class HitPlan(Meant[NDArray[np.void]]):
+    """Of an arm: references (n,) of POINT."""
 
 
 def plan_hit(
