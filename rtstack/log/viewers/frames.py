@@ -158,32 +158,25 @@ class FrameTree:
     def transforms(self, instants: Instants) -> list[tuple[int, bytes]]:
         """Return a message for each of the instants, as (t_ns, FrameTransforms)."""
         frames: list[list[FrameTransform]] = [[] for _ in instants.t_ns]
+        tracks: list[tuple[NDArray[np.intp], list[_Track]]] = []
         if any(self._cell.table_size_m):
-            everywhere = np.arange(len(frames))
-            self._add(
-                frames, instants, everywhere, [_Track(WORLD, TABLE, np.array(self._cell.table_centre_m), _UPRIGHT)]
-            )
+            table = _Track(WORLD, TABLE, np.array(self._cell.table_centre_m), _UPRIGHT)
+            tracks.append((np.arange(len(frames)), [table]))
         for name, known in instants.known.items():
-            poses = known.records
-            if name == OBJECT:
-                tracks = [_Track(WORLD, OBJECT, poses["position"], poses["orientation_wxyz"])]
-            else:
-                tracks = self._arm(name, poses)
-            self._add(frames, instants, known.rows, tracks)
+            tracks.append((known.rows, self._tracks(name, known.records)))
+        for rows, moving in tracks:
+            stamps = instants.stamps(rows)
+            for track in moving:
+                for row, transform in zip(rows.tolist(), track.transforms(stamps), strict=True):
+                    frames[row].append(transform)
         return [
             (t, FrameTransforms(transforms=transforms).encode())
             for t, transforms in zip(instants.t_ns.tolist(), frames, strict=True)
         ]
 
-    def _add(
-        self, frames: list[list[FrameTransform]], instants: Instants, rows: NDArray[np.intp], tracks: "list[_Track]"
-    ) -> None:
-        stamps = instants.stamps(rows)
-        for track in tracks:
-            for row, transform in zip(rows.tolist(), track.transforms(stamps), strict=True):
-                frames[row].append(transform)
-
-    def _arm(self, side: str, samples: NDArray) -> list[_Track]:
+    def _tracks(self, side: str, samples: NDArray) -> list[_Track]:
+        if side == OBJECT:
+            return [_Track(WORLD, OBJECT, samples["position"], samples["orientation_wxyz"])]
         base = f"{side}_base"
         tracks = [_Track(WORLD, base, *_poses_of(self._cell.T_world_base[side][None]))]
         parent, angles = f"{side}_{BASE_LINK}", iter(0.5 * samples["q"].T)
