@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from fastapi import APIRouter
@@ -11,7 +12,7 @@ from pydantic.dataclasses import dataclass as checked
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
 from console.sign_in import UserSession
-from rtstack.live.client import RobotRefused, RobotUnreachable
+from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Operator, Status
 from rtstack.loop.mailbox import NOT_TAKEN, TAKEN_S
 from rtstack.messages import MESSAGE
@@ -53,12 +54,6 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
         raise
 
 
-@router.post("/release")
-def release(session: NeedsSession, parts: NeedsParts) -> Status:
-    """Give control back; what moves stops."""
-    return parts.watch.learn(parts.client.release(session.operator))
-
-
 @router.post("/beat")
 async def beat(session: NeedsSession, parts: NeedsParts) -> Status:
     """Give a sign of life: a program's way. Pages answer what the live socket sends them."""
@@ -71,28 +66,25 @@ async def beat(session: NeedsSession, parts: NeedsParts) -> Status:
     return view.status
 
 
-@router.post("/arm")
-def arm(session: NeedsSession, parts: NeedsParts) -> Status:
-    """Allow motion."""
-    return parts.watch.learn(parts.client.arm(session.operator))
-
-
-@router.post("/disarm")
-def disarm(session: NeedsSession, parts: NeedsParts) -> Status:
-    """Allow no motion any more; what moves stops."""
-    return parts.watch.learn(parts.client.disarm(session.operator))
-
-
 @router.post("/stop")
 async def stop(session: NeedsSession, parts: NeedsParts) -> StopRequested:
     """Ask for a controlled stop, by a word in shared memory; answer when the loop has taken it, 503 if it does not."""
     return StopRequested(True, await request_stop(parts, session))
 
 
-@router.post("/recover")
-def recover(session: NeedsSession, parts: NeedsParts) -> Status:
-    """In a fault: ask both arms to clear what they have latched; the answer says why they refuse."""
-    return parts.watch.learn(parts.client.recover(session.operator))
+def _add(ask: Callable[[RobotClient, str], Status], about: str) -> None:
+    """Add what the robot process is asked for in the session's name alone."""
+
+    def order(session: NeedsSession, parts: NeedsParts) -> Status:
+        return parts.watch.learn(ask(parts.client, session.operator))
+
+    router.add_api_route(f"/{ask.__name__}", order, methods=["POST"], name=ask.__name__, description=about)
+
+
+_add(RobotClient.release, "Give control back; what moves stops.")
+_add(RobotClient.arm, "Allow motion.")
+_add(RobotClient.disarm, "Allow no motion any more; what moves stops.")
+_add(RobotClient.recover, "In a fault: ask both arms to clear what they have latched; the answer says why they refuse.")
 
 
 async def request_stop(parts: Parts, session: UserSession) -> bool:
