@@ -59,20 +59,11 @@ def link_findings(
             values = {each.name: f"{each.verdict}: {each.value}" for each in found}
             firmware = {side: state.version for side, state in box_states(description).items()}
             for side in description.sides:
-                sign_step(
-                    f"hold {side}",
-                    sign,
-                    values,
-                    description,
-                    cell_file,
-                    firmware,
-                    "" if record is None else record.name,
-                )
+                log = "" if record is None else record.name
+                sign_step(f"hold {side}", sign, values, description, cell_file, firmware, log)
             found.append(Finding("signature", f"{sign}: hold {' and '.join(description.sides)}", "pass"))
-        return found + [
-            Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
-            for _ in range(bool(cell.warning))
-        ]
+        limits = Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
+        return found + [limits] * bool(cell.warning)
     except TrialError as error:
         return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
     except HardwareError as error:
@@ -116,9 +107,8 @@ def held_findings(
     found.append(_link(figures, cell.sides))
     found += [_late(figures.lateness)] if figures.lateness is not None else []
     for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
-        felt = Felt(
-            *(np.array(rows[k]) for rows in (figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean))
-        )
+        means = figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean
+        felt = Felt(*(np.array(rows[k]) for rows in means))
         found += resting_findings(cell.sides[k], arm.read(), felt, mounting, description.pad)
     return found
 
