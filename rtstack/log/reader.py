@@ -1,5 +1,6 @@
 """Reading a log for analysis: columns of records, metadata, attachments, events."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,9 +13,10 @@ from mcap.records import Schema
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError, damaged, remedy
-from rtstack.log.file.container import MAGIC, NO_MESSAGES, NUMBERS, MessageTable, end_of, growth_max, open_mcap
+from rtstack.log.file.container import MAGIC, MESSAGES, NUMBERS, end_of, growth_max, open_mcap
 from rtstack.log.file.contents import ALWAYS, Contents, attachment_data, read_contents
 from rtstack.log.file.decoding import TopicDecoder, message_class
+from rtstack.log.file.salvage import Salvage
 from rtstack.log.video import KEY_NS, Decoder
 from rtstack.log.viewers.scenery import scenery_schemas
 from rtstack.log.writing.job import Attachment
@@ -128,7 +130,8 @@ class Log:
         columns: dict[str, NDArray[Any]] = {"t_ns": records["t_ns"]}
         units = {"t_s": "s", "t_ns": "ns"}
         for field in TOPICS[topic].message.fields:
-            values = records[field.name].reshape(len(records), -1)
+            values = records[field.name]
+            values = values.reshape(len(values), math.prod(values.shape[1:]))
             values = np.char.decode(values, errors="replace") if values.dtype.kind == "S" else values
             for k, component in enumerate(field.axes or ("",)):
                 name = f"{field.name}.{component}" if component else field.name
@@ -170,7 +173,7 @@ class Log:
         decoders: dict[int, TopicDecoder] = {}
         wanted = self._wanted(topics)
         total = len(self._contents.parts)
-        parts: list[tuple[bytes, MessageTable]] = []
+        parts: list[tuple[bytes, NDArray[Any]]] = []
         for done, part in enumerate(self._read(list(wanted)), start=1):
             parts.append(part)
             if len(parts) == chunks or done == total:
@@ -185,8 +188,8 @@ class Log:
             return True
         newest: dict[str, int] = {}
         for _, table in self._read(list(wanted)):
-            for channel in np.unique(table.channel_id).tolist():
-                times = table.log_time_ns[table.channel_id == channel]
+            for channel in np.unique(table["channel"]).tolist():
+                times = table["log_time_ns"][table["channel"] == channel]
                 topic = wanted[channel]
                 if int(times.min()) < newest.get(topic, 0):
                     return False
@@ -194,15 +197,15 @@ class Log:
         return True
 
     def _decode(
-        self, parts: list[tuple[bytes, MessageTable]], wanted: dict[int, str], decoders: dict[int, TopicDecoder]
+        self, parts: list[tuple[bytes, NDArray[Any]]], wanted: dict[int, str], decoders: dict[int, TopicDecoder]
     ) -> dict[str, NDArray[Any]]:
         """Decode several chunks as if they were one: the fewer calls, the less of the time is numpy's own."""
         starts = np.cumsum([0, *(len(data) for data, _ in parts)])
         data = b"".join(data for data, _ in parts)
-        channel = np.concatenate([table.channel_id for _, table in parts])
-        t_ns = np.concatenate([table.log_time_ns for _, table in parts]).view(np.int64)
-        start = np.concatenate([table.start + offset for (_, table), offset in zip(parts, starts, strict=False)])
-        size = np.concatenate([table.size for _, table in parts])
+        tables = np.concatenate([table for _, table in parts])
+        tables["start"] += np.repeat(starts[:-1], [len(table) for _, table in parts])
+        channel, t_ns, start, size = (tables[name] for name in MESSAGES.names or ())
+        t_ns = t_ns.astype(np.int64)
         if len(t_ns) and t_ns.min() < 0:
             raise LogError(f"{self.path}: a sample has a time that no robot has: {t_ns.view(np.uint64).max()} ns")
         found: dict[str, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {}
@@ -223,9 +226,7 @@ class Log:
         found = [
             (t_ns, data[start : start + size])
             for data, table in self._read(self._channels(name), between_ns)
-            for t_ns, start, size in zip(
-                table.log_time_ns.tolist(), table.start.tolist(), table.size.tolist(), strict=True
-            )
+            for _, t_ns, start, size in table.tolist()
             if between_ns is None or between_ns[0] <= t_ns <= between_ns[1]
         ]
         return sorted(found, key=lambda message: message[0])
@@ -251,7 +252,7 @@ class Log:
 
     def times(self, topic: str) -> list[int]:
         """Return the log times of a topic's messages, ns, in order."""
-        found = [table.log_time_ns for _, table in self._read(self._channels(topic))]
+        found = [table["log_time_ns"] for _, table in self._read(self._channels(topic))]
         return np.sort(np.concatenate([np.zeros(0, np.uint64), *found])).tolist()
 
     def _channels(self, topic: str) -> list[int]:
@@ -302,11 +303,11 @@ class Log:
                 if best is not None and (part.span_ns[1] <= best if last else part.span_ns[0] >= best):
                     break
                 _, table = contents.messages(file, part)
-                times = table.log_time_ns[_mask(wanted)[table.channel_id]].tolist()
+                times = table["log_time_ns"][_mask(wanted)[table["channel"]]].tolist()
                 best = (max if last else min)([*times, *([] if best is None else [best])], default=None)
         return best or 0
 
-    def _read(self, wanted: list[int], span_ns: tuple[int, int] | None = None) -> Iterator[tuple[bytes, MessageTable]]:
+    def _read(self, wanted: list[int], span_ns: tuple[int, int] | None = None) -> Iterator[tuple[bytes, NDArray[Any]]]:
         """Yield every chunk, with the places of the messages of some channels; without any it is not unpacked.
 
         span_ns: chunks that have no message in it are left out. Raises LogError where a message is missing.
@@ -317,13 +318,13 @@ class Log:
                 if span_ns and (part.span_ns[1] < span_ns[0] or part.span_ns[0] > span_ns[1]):
                     continue
                 if not span_ns and part.channels is not None and part.channels.isdisjoint(wanted):
-                    yield b"", NO_MESSAGES
+                    yield b"", np.zeros(0, MESSAGES)
                     continue
                 data, table = contents.messages(file, part)
-                if part.channels is not None and np.count_nonzero(_mask(table.channel_id)) != len(part.channels):
+                if part.channels is not None and np.count_nonzero(_mask(table["channel"])) != len(part.channels):
                     raise damaged(self.path, part.section.offset, "the index names other channels than the chunk has")
-                table = table.rows(mask[table.channel_id])
-                left -= len(table.start)
+                table = table[mask[table["channel"]]]
+                left -= len(table)
                 if left < 0:
                     break
                 yield data, table
@@ -341,7 +342,11 @@ def read_log(path: Path, truncated: bool = False) -> Log:
         end = end_of(file)
         if end is None and not truncated:
             raise LogError(f"{path} is cut off (no summary): {remedy(path)}")
-        contents = read_contents(file, end)
+        if end is None:
+            (salvage := Salvage(file)).run()
+            contents = salvage.contents
+        else:
+            contents = read_contents(file, end)
     topics = {channel.topic for channel in contents.channels.values()}
     arms = [contents.schemas.get(each.schema_id) for each in contents.channels.values() if each.topic in ARM_TOPICS]
     ours = any(schema is not None and schema.name == ARM.schema for schema in arms)

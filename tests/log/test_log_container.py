@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 
 from rtstack.log.file.container import LARGEST_CHUNK, MAGIC, Section, chunk_data
-from rtstack.log.file.contents import rest_of
+from rtstack.log.file.salvage import rest_of
 
 BLOCK = bytes(1 << 20)
 BOMB_BLOCKS = 1024  # 1 GiB

@@ -134,7 +134,7 @@ def flips(path: Path, count: int, seed: int) -> int:
             inside = 0
             if hit is not None:
                 with open_mcap(path) as file:
-                    inside = len(log._contents.messages(file, hit)[1].start)
+                    inside = len(log._contents.messages(file, hit)[1])
             worst = max(worst, lost - inside)
             table["in a chunk" if hit else "elsewhere", said, "complete" if summary.complete else "recovered",
                   "all" if not lost else "all but the chunk" if lost <= inside else f"lost {lost}",

@@ -41,6 +41,8 @@ _SUMMARY = (
     Opcode.FOOTER, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.STATISTICS, Opcode.METADATA_INDEX,
     Opcode.SUMMARY_OFFSET,
 )  # fmt: skip
+# where messages are in a chunk's data
+MESSAGES = np.dtype([("channel", np.int64), ("log_time_ns", np.uint64), ("start", np.int64), ("size", np.int64)])
 _ALLOWANCE, _GROWTH = 256 << 20, 64  # bytes, and times the file's size, that a file may expand to
 
 
@@ -74,35 +76,6 @@ class End:
     def summary(self) -> int:
         """Where the summary begins."""
         return self.data + DATA_END_SIZE
-
-
-@dataclass(frozen=True, slots=True)
-class MessageTable:
-    """Where the messages of a chunk are: columns of shape (n,), positions relative to the chunk's data."""
-
-    channel_id: NDArray[np.int64]
-    log_time_ns: NDArray[np.uint64]
-    start: NDArray[np.int64]
-    size: NDArray[np.int64]
-
-    def rows(self, chosen: NDArray[Any]) -> "MessageTable":
-        """Return the chosen messages."""
-        return MessageTable(self.channel_id[chosen], self.log_time_ns[chosen], self.start[chosen], self.size[chosen])
-
-
-_NONE = np.zeros(0, np.int64)
-NO_MESSAGES = MessageTable(_NONE, _NONE.view(np.uint64), _NONE, _NONE)
-
-
-@dataclass(frozen=True, slots=True)
-class Walk:
-    """The records of a chunk's data. definitions: places of new schemas and channels; conflicts: of those that differ
-    from an earlier one of the same number; end: behind the last complete record."""
-
-    table: MessageTable
-    definitions: list[int]
-    conflicts: list[int]
-    end: int
 
 
 def open_mcap(path: Path, any_start: bool = False) -> BinaryIO:
@@ -258,18 +231,18 @@ def growth_max(file_size: int) -> int:
     return _ALLOWANCE + _GROWTH * file_size
 
 
-def walk(data: bytes, seen: NDArray[np.int64]) -> Walk:
-    """Find the complete records in a chunk's data.
+def walk(data: bytes, seen: NDArray[np.int64]) -> tuple[NDArray[Any], list[int], list[int], int]:
+    """Return the complete messages in a chunk's data, as MESSAGES; the places of new schemas and channels, and of those
+    that differ from an earlier one of the same number; and where the last complete record ends.
 
     seen: checksums of the schemas and channels found so far, shape (2 * NUMBERS,); those in the data are added.
     """
-    rows = np.empty((4, len(data) // MESSAGE_HEADER + 1), np.int64)
+    rows = np.empty((len(data) // MESSAGE_HEADER + 1, 4), np.int64)
     places = np.empty(min(len(data) // RECORD_HEADER, 2 * NUMBERS) + 1, np.int64)
     messages, defined, end = _walk(np.frombuffer(data, np.uint8), seen, rows, places)
-    channel, time, start, size = rows[:, :messages]
     new = places[:defined].tolist()
-    table = MessageTable(channel, time.view(np.uint64), start, size)
-    return Walk(table, [place for place in new if place >= 0], [~place for place in new if place < 0], end)
+    table = rows[:messages].view(MESSAGES)[:, 0]
+    return table, [place for place in new if place >= 0], [~place for place in new if place < 0], end
 
 
 @compiled
@@ -283,9 +256,9 @@ def _walk(data, seen, rows, places):
         if opcode == 5:  # Opcode.MESSAGE
             if length < MESSAGE_HEADER - RECORD_HEADER:
                 break
-            rows[0, messages], rows[1, messages] = number(data, body, 2), number(data, body + 6, 8)
-            rows[2, messages] = place + MESSAGE_HEADER
-            rows[3, messages] = length - (MESSAGE_HEADER - RECORD_HEADER)
+            rows[messages, 0], rows[messages, 1] = number(data, body, 2), number(data, body + 6, 8)
+            rows[messages, 2] = place + MESSAGE_HEADER
+            rows[messages, 3] = length - (MESSAGE_HEADER - RECORD_HEADER)
             messages += 1
         elif opcode in (3, 4):  # Opcode.SCHEMA, Opcode.CHANNEL
             if length < 2 or defined == len(places):

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError, damaged
@@ -24,10 +24,8 @@ from rtstack.log.file.container import (
     NUMBERS,
     RECORD_HEADER,
     End,
-    MessageTable,
     Section,
     chunk_at,
-    decompressed,
     growth_max,
     section_at,
     section_data,
@@ -42,7 +40,7 @@ _ATTACHMENT = struct.Struct("<BQQQI")  # opcode, length, log time, create time, 
 @dataclass(slots=True)
 class Part:
     """A chunk, or a run of records outside of chunks. span_ns: log times of its messages, all times where they are not
-    known; channels: which it has messages of, None where that is not known; rest: data of a chunk that is cut off."""
+    known; channels: which it has messages of, None where that is not known; rest: the data of a damaged one."""
 
     section: Section
     span_ns: tuple[int, int] = ALWAYS
@@ -65,37 +63,33 @@ class Contents:
     parts: list[Part] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     seen: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2 * NUMBERS, np.int64))
-    raw: dict[tuple[int, int], bytes] = field(default_factory=dict)  # schemas and channels, by kind and number
     small: dict[int, int] = field(default_factory=dict)  # bytes of each kind of small records so far
 
-    def messages(self, file: BinaryIO, part: Part) -> tuple[bytes, MessageTable]:
-        """Return a part's data, and where its messages are. Raises LogError where it is damaged."""
-        data = section_data(file, part.section) if part.rest is None else part.rest
-        return data, self.take(data, part, Path(file.name))
+    def messages(self, file: BinaryIO, part: Part) -> tuple[bytes, NDArray[Any]]:
+        """Return a part's data, and where its messages are; keep the schemas and channels that it defines.
 
-    def take(self, data: bytes, part: Part, path: Path) -> MessageTable:
-        """Return where the messages of a part are; keep the schemas and channels that it defines. Raises LogError."""
-        found, offset = walk(data, self.seen), part.section.offset
-        if part.rest is None and found.end != len(data):
-            raise damaged(path, offset, "a chunk ends inside of a record")
-        if found.conflicts:
-            raise damaged(path, offset, "a schema or channel has the number of another one")
+        Raises LogError where it is damaged.
+        """
+        data = section_data(file, part.section) if part.rest is None else part.rest
+        table, definitions, conflicts, end = walk(data, self.seen)
         try:
-            for place in found.definitions:
+            if part.rest is None and end != len(data):
+                raise ValueError("a chunk ends inside of a record")
+            if part.rest is None and conflicts:
+                raise ValueError("a schema or channel has the number of another one")
+            for place in definitions:
                 self.define(data, place)
         except Exception as error:  # the library raises whatever half a record makes of it
-            raise damaged(path, offset, error) from error
-        return found.table
+            raise damaged(Path(file.name), part.section.offset, error) from error
+        return data, table
 
     def define(self, data: bytes, place: int) -> None:
         """Keep the schema or channel at this place."""
         length = int.from_bytes(data[place + 1 : place + RECORD_HEADER], "little")
-        body = data[place + RECORD_HEADER : place + RECORD_HEADER + length]
         self.limit(Opcode.SCHEMA, length)
-        kind = Schema if data[place] == Opcode.SCHEMA else Channel
-        found = kind.read(ReadDataStream(BytesIO(body)))
+        body = ReadDataStream(BytesIO(data[place + RECORD_HEADER : place + RECORD_HEADER + length]))
+        found = (Schema if data[place] == Opcode.SCHEMA else Channel).read(body)
         (self.schemas if isinstance(found, Schema) else self.channels)[found.id] = found  # type: ignore[assignment]
-        self.raw[data[place], found.id] = data[place : place + RECORD_HEADER + length]
 
     def limit(self, kind: int, size: int) -> None:
         """Count what is kept of small records. Raises ValueError where that is too much."""
@@ -103,22 +97,24 @@ class Contents:
         if self.small[kind] > _SMALL_MAX:
             raise ValueError(f"more than {_SMALL_MAX} bytes of small records of one kind")
 
-    def count(self, table: MessageTable, strict: bool) -> frozenset[int]:
-        """Count the messages of a part; return their channels. strict: raise ValueError for one that is not defined."""
-        numbers, counts = np.unique(table.channel_id, return_counts=True)
-        found = dict(zip(numbers.tolist(), counts.tolist(), strict=True))
-        if strict and (unknown := found.keys() - self.channels.keys()):
-            raise ValueError(f"a message is of channel {min(unknown)}, which is not defined")
-        for number in found.keys() & self.channels.keys():
-            self.counts[number] = self.counts.get(number, 0) + found[number]
-        return frozenset(found)
+    def add(self, part: Part, table: NDArray[Any]) -> None:
+        """Count the messages of a part, and keep it where it has some. Raises ValueError for an unknown channel."""
+        numbers, counts = np.unique(table["channel"], return_counts=True)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            if number not in self.channels:
+                raise ValueError(f"a message is of channel {number}, which is not defined")
+            self.counts[number] = self.counts.get(number, 0) + count
+        if len(table):
+            part.channels = frozenset(numbers.tolist())
+            part.span_ns = int(table["log_time_ns"].min()), int(table["log_time_ns"].max())
+            self.parts.append(part)
 
 
 @dataclass(slots=True)
 class Summary:
     """The summary of a finished file. known: kind, size and name of chunks, attachments and metadata by offset."""
 
-    contents: Contents
+    contents: Contents = field(default_factory=Contents)
     statistics: Statistics | None = None
     chunks: dict[int, ChunkIndex] = field(default_factory=dict)
     known: dict[int, tuple[int, int, str]] = field(default_factory=dict)
@@ -129,13 +125,12 @@ class Summary:
         said, found = self.statistics, self.contents
         return (
             said is not None and said.channel_count == len(found.channels) and said.schema_count == len(found.schemas)
-            and said.chunk_count == len(self.chunks)
             and said.channel_message_counts.keys() <= found.channels.keys()
             and sum(said.channel_message_counts.values()) == said.message_count
         )  # fmt: skip
 
 
-def records_of(data: bytes) -> Iterator[tuple[int, int, ReadDataStream]]:
+def _records(data: bytes) -> Iterator[tuple[int, int, ReadDataStream]]:
     """Yield the kind, place and content of each record of a summary."""
     place = 0
     while place < len(data):
@@ -152,11 +147,11 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
     file.seek(end.summary)
     data = file.read(end.footer + RECORD_HEADER + 16 - end.summary)
     content = data[: end.footer - end.summary]
-    summary = Summary(Contents())
+    summary = Summary()
     try:
         if end.summary_crc not in (0, zlib.crc32(data)):
             raise ValueError("the checksum of the summary is wrong")
-        for opcode, place, body in records_of(content):
+        for opcode, place, body in _records(content):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 summary.contents.define(content, place)
             elif opcode == Opcode.STATISTICS:
@@ -165,79 +160,64 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
                 chunk = ChunkIndex.read(body)
                 summary.chunks[chunk.chunk_start_offset] = chunk
                 summary.known[chunk.chunk_start_offset] = Opcode.CHUNK, chunk.chunk_length, ""
-            elif opcode == Opcode.ATTACHMENT_INDEX:
-                index = AttachmentIndex.read(body)
-                summary.known[index.offset] = Opcode.ATTACHMENT, index.length, index.name
-            elif opcode == Opcode.METADATA_INDEX:
-                index = MetadataIndex.read(body)
-                summary.known[index.offset] = Opcode.METADATA, index.length, index.name
+            elif opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
+                attached = opcode == Opcode.ATTACHMENT_INDEX
+                index = (AttachmentIndex if attached else MetadataIndex).read(body)
+                kind = Opcode.ATTACHMENT if attached else Opcode.METADATA
+                summary.known[index.offset] = kind, index.length, index.name
         walk(content, summary.contents.seen)
     except Exception as error:  # the library raises whatever half a record makes of it
         raise damaged(Path(file.name), end.summary, error) from error
     return summary
 
 
-def read_contents(file: BinaryIO, end: End | None) -> Contents:
-    """Return what a file holds; without an end as far as it goes, without what is damaged.
+def read_contents(file: BinaryIO, end: End, trusts: bool = True) -> Contents:
+    """Return what a finished file holds; trusts: by the summary, where that says enough.
 
-    Raises LogError for a finished file that is damaged, or that expands to more than `growth_max`.
+    Raises LogError for a file that is damaged, or that expands to more than `growth_max`.
     """
-    summary = None if end is None else read_summary(file, end)
-    if summary is not None and summary.whole:
+    summary = read_summary(file, end)
+    if trusts and summary.whole:
         try:
-            return _Survey(file, end, summary, trusted=True).contents
+            return _Survey(file, end, summary, trusts=True).contents
         except Inconsistent:  # an index is missing, or wrong
             pass
-    return _Survey(file, end, summary, trusted=False).contents
+    return _Survey(file, end, summary, trusts=False).contents
 
 
 class _Survey:
-    """One way through the data section, from record to record."""
+    """One way through the data section of a finished file, from record to record."""
 
-    def __init__(self, file: BinaryIO, end: End | None, summary: Summary | None, trusted: bool) -> None:
-        self._file, self._path, self._end = file, Path(file.name), end
-        self._summary, self._trusted = summary or Summary(Contents()), trusted
-        self.contents = self._summary.contents if trusted else Contents()
-        size = file.seek(0, 2)
-        self._left = growth_max(size)
-        self._visited: dict[int, int] = {}  # offsets and kinds of what an index may name
-        self._through(len(MAGIC), size if end is None else end.data)
-        self._compare()
-
-    def _through(self, offset: int, stop: int) -> None:
-        while offset < stop:
+    def __init__(self, file: BinaryIO, end: End, summary: Summary, trusts: bool) -> None:
+        self._file, self._path, self._summary, self._trusts = file, Path(file.name), summary, trusts
+        self.contents = summary.contents if trusts else Contents()
+        self._left = growth_max(file.seek(0, 2))
+        self._kinds: dict[int, int] = {}  # of what an index may name, by offset
+        offset = len(MAGIC)
+        while offset < end.data:
             try:
-                section = section_at(self._file, offset, stop)
-                if section.opcode == Opcode.DATA_END:
-                    raise ValueError("the data end before the summary")
-            except ValueError as error:
-                self._refuse(offset, error)
-                self._add_rest(Section(Opcode.CHUNK, offset, stop - offset))
-                return
-            offset = section.end
-            try:
+                section = section_at(file, offset, end.data)
                 self._add(section)
-            except (LogError, Inconsistent):
+            except LogError:
                 raise
             except Exception as error:  # the library raises whatever half a record makes of it
-                self._refuse(section.offset, error)
+                self._refuse(offset, error)
+                raise
+            offset = section.end
+        self._compare(end.summary)
 
     def _refuse(self, offset: int, cause: object) -> None:
-        """Raise, but for a file that was cut off: what is damaged in it is left out."""
-        if self._trusted:
-            raise Inconsistent
-        if self._end is not None:
-            raise damaged(self._path, offset, cause)
+        raise Inconsistent if self._trusts else damaged(self._path, offset, cause)
 
     def _add(self, section: Section) -> None:
+        if section.opcode == Opcode.DATA_END:
+            raise ValueError("the data end before the summary")
         if section.opcode in (Opcode.CHUNK, Opcode.METADATA, Opcode.ATTACHMENT):
-            self._visited[section.offset] = section.opcode
-        head = chunk_at(self._file, section, head=True) if section.opcode == Opcode.CHUNK else None
-        self._spend(0 if head is None else head.uncompressed_size)
-        if head is not None and self._trusted:
-            self._add_indexed(section, head)
-        elif section.opcode == Opcode.CHUNK or section.opcode in LOOSE:
-            self._add_part(Part(section))
+            self._kinds[section.offset] = section.opcode
+        if section.opcode == Opcode.CHUNK:
+            self._add_chunk(section)
+        elif section.opcode in LOOSE:
+            self._add_messages(section)
         elif section.opcode == Opcode.METADATA:
             self.contents.limit(Opcode.METADATA, section.size)
             metadata = metadata_at(self._file, section)
@@ -245,52 +225,46 @@ class _Survey:
         elif section.opcode == Opcode.ATTACHMENT:
             self.contents.attachments.append(attachment_at(self._file, section))
 
-    def _add_indexed(self, section: Section, head: Chunk) -> None:
-        """Add a chunk as the summary has it, without unpacking it."""
+    def _add_chunk(self, section: Section) -> None:
+        """Add a chunk; where the summary is trusted, as that has it, without unpacking it."""
+        head = chunk_at(self._file, section, head=True)
+        self._left -= head.uncompressed_size
+        if self._left < 0:
+            raise LogError(f"{self._path} is not read: its chunks expand to far more than its size")
+        if not self._trusts:
+            self._add_messages(section)
+            return
         said, span = self._summary.chunks.get(section.offset), (head.message_start_time, head.message_end_time)
-        if said is None or (said.chunk_length, said.message_start_time, said.message_end_time) != (section.size, *span):
-            raise Inconsistent
-        if (said.uncompressed_size, said.compression) != (head.uncompressed_size, head.compression):
+        there = section.size, *span, head.uncompressed_size, head.compression
+        if said is None or there != (
+            said.chunk_length, said.message_start_time, said.message_end_time, said.uncompressed_size, said.compression
+        ):  # fmt: skip
             raise Inconsistent
         known = span[0] <= span[1] and span != (0, 0)  # (0, 0): of a writer that leaves them out
         channels = frozenset(said.message_index_offsets) or None
         self.contents.parts.append(Part(section, span if known else ALWAYS, channels))
 
-    def _add_part(self, part: Part) -> None:
-        try:
-            _, table = self.contents.messages(self._file, part)
-        except LogError:
-            if self._end is not None:
-                raise
-            return
-        part.channels = self.contents.count(table, strict=self._end is not None)
-        if part.channels:
-            if self._trusted:
-                raise Inconsistent  # messages outside of chunks are in no index
-            part.span_ns = int(table.log_time_ns.min()), int(table.log_time_ns.max())
-            self.contents.parts.append(part)
+    def _add_messages(self, section: Section) -> None:
+        part = Part(section)
+        table = self.contents.messages(self._file, part)[1]
+        if self._trusts and len(table):
+            raise Inconsistent  # messages outside of chunks are in no index
+        self.contents.add(part, table)
 
-    def _spend(self, size: int) -> None:
-        self._left -= size
-        if self._left < 0:
-            raise LogError(f"{self._path} is not read: its chunks expand to far more than its size")
-
-    def _add_rest(self, section: Section) -> None:
-        """Add the chunk that the end of the file cuts off."""
-        if data := rest_of(self._file, section):
-            self._add_part(Part(section, rest=data))
-
-    def _compare(self) -> None:
-        """Refuse a file that has not what its summary counts and names."""
+    def _compare(self, place: int) -> None:
+        """Refuse a file that has not what its summary, at this place, counts and names."""
         for offset, (kind, _, _) in self._summary.known.items():
-            if self._visited.get(offset) != kind:
+            if self._kinds.get(offset) != kind:
                 self._refuse(offset, "the summary names a record here, and there is none")
         said = self._summary.statistics
         if said is None:
             return
-        if self._trusted:
-            self.contents.counts = dict(said.channel_message_counts)
-        kinds = list(self._visited.values())
+        counts = {number: count for number, count in said.channel_message_counts.items() if count}
+        if self._trusts:
+            self.contents.counts = counts
+        if counts and counts != self.contents.counts:
+            self._refuse(place, "the summary counts other messages of the channels than there are")
+        kinds = list(self._kinds.values())
         for name, count, there in (
             ("messages", said.message_count, sum(self.contents.counts.values())),
             ("chunks", said.chunk_count, kinds.count(Opcode.CHUNK)),
@@ -298,22 +272,7 @@ class _Survey:
             ("metadata records", said.metadata_count, kinds.count(Opcode.METADATA)),
         ):
             if count != there:
-                offset = len(MAGIC) if self._end is None else self._end.summary
-                self._refuse(offset, f"the summary counts {count} {name}, and {there} are there")
-
-
-def rest_of(file: BinaryIO, section: Section) -> bytes:
-    """Return the data that can be had of a chunk that is cut off, or whose length is wrong, else none."""
-    file.seek(section.offset)
-    if file.read(1) != bytes([Opcode.CHUNK]):
-        return b""
-    try:
-        chunk = chunk_at(file, section, cut=True)
-        data = decompressed(chunk.data, chunk.compression)
-    except Exception:  # whatever a decoder makes of half a record
-        return b""
-    whole = len(data) >= chunk.uncompressed_size
-    return b"" if whole and chunk.uncompressed_crc not in (0, zlib.crc32(data)) else data
+                self._refuse(place, f"the summary counts {count} {name}, and {there} are there")
 
 
 def metadata_at(file: BinaryIO, section: Section) -> Metadata:
