@@ -1,5 +1,6 @@
 """What a figure shows of a log on disk: the signals' samples, the modes and the impacts."""
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -47,6 +48,7 @@ def arm_of(text: str) -> str:
 
 
 def _trace(signal: Signal, records: NDArray, start_ns: int) -> Trace:
-    values = records[signal.field].reshape(len(records), -1)
     components = [one.component for one in signals().values() if (one.group, one.field) == (signal.group, signal.field)]
+    values = records[signal.field]
+    values = values.reshape(len(values), math.prod(values.shape[1:]))
     return Trace(signal, (records["t_ns"] - start_ns) * _NS, values[:, components.index(signal.component)])

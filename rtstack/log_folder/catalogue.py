@@ -142,7 +142,8 @@ def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEnt
         trial = metadata.get("trial")
         content = {"condition": condition, "kind": (trial or {}).get("kind", "trial"), "trial": trial}
         content |= {"result": metadata.get("result"), "recorded": metadata.get("time", {}).get("utc")}
-        row = (path.name, status.st_size, status.st_mtime_ns, json.dumps(content))
+        name = os.fsencode(path.name).decode(errors="replace")  # SQLite takes no other text
+        row = (name, status.st_size, status.st_mtime_ns, json.dumps(content))
         cache.execute("INSERT OR REPLACE INTO logs VALUES (?, ?, ?, ?)", row)
     log_id = hashlib.blake2b(path.name.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest()
     return LogEntry(

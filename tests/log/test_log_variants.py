@@ -12,11 +12,14 @@ import pytest
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Statistics
-from mcap.writer import CompressionType, IndexType
+from mcap.writer import CompressionType, IndexType, Writer
 
+from rtstack.figures.log_data import figure_log
+from rtstack.log.analysis.signals import DEFAULT, signals
 from rtstack.log.errors import LogError
 from rtstack.log.file.recover import recover
 from rtstack.log.reader import read_log
+from rtstack.log_folder.catalogue import entry_of
 from rtstack.topics import ARM_TOPICS
 from tests.support.log.mutations import MAGIC, end_fitted, messages_of, mutated, options, small_log, split, whole
 
@@ -132,6 +135,7 @@ def test_a_table_of_a_topic_needs_pandas_or_says_so(tmp_path: Path) -> None:
         f"frame = read_log({str(path)!r}).frame('/left/arm')\n"
         "assert list(frame)[0] == 't_ns' and frame.index[0] == 0, list(frame)\n"
         "assert 'q.7' in frame and 'O_T_EE.r11' in frame and 'O_T_EE.z' in frame, list(frame)\n"
+        f"assert not len(read_log({str(path)!r}).frame('/object/pose').index)\n"
         "assert frame.attrs['units']['tau_J.1'] == 'Nm' and frame.attrs['units']['O_T_EE.z'] == 'm'\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -139,3 +143,17 @@ def test_a_table_of_a_topic_needs_pandas_or_says_so(tmp_path: Path) -> None:
         patch.setitem(sys.modules, "pandas", None)
         with pytest.raises(LogError, match="pip install pandas"):
             read_log(path).frame("/left/arm")
+
+
+def test_a_log_without_a_sample_is_listed_and_has_no_curve_whatever_its_name(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"none\xff.mcap")
+    with open(path, "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("trial", {"kind": "trial"})
+        writer.finish()
+    assert entry_of(path).kind == "trial"
+    log = figure_log(path, [signals()[name] for name in DEFAULT])
+    assert all(len(trace.t_s) == len(trace.values) == 0 for trace in log.traces)
+    path.write_bytes(path.read_bytes()[:-9])
+    assert read_log(path, truncated=True).metadata["trial"] == {"kind": "trial"}
