@@ -70,18 +70,11 @@ class HoldToRun:
         if not self._confirmed:
             self._confirm(what)
         self._confirmed, self._held_ns = True, 0
-        done = threading.Event()
         with self._keys() as descriptor:
-            watch = threading.Thread(target=self._watch, args=(descriptor, stop, done), daemon=True, name="hold-to-run")
-            try:
-                _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
-                self._await_key(descriptor, stop)
-                watch.start()
+            _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
+            self._await_key(descriptor, stop)
+            with _beside(self._watch, descriptor, stop):
                 yield (Heartbeat(lambda: self._held_ns, CLUTCH_S, End.RELEASED),)
-            finally:
-                done.set()
-                if watch.ident is not None:
-                    watch.join()
 
     @contextmanager
     def watched(self, what: str, stop: Interrupt, pause: Callable[[], None]) -> Iterator[None]:
@@ -95,17 +88,9 @@ class HoldToRun:
             return
         self._confirm(what)
         with self._keys() as descriptor:
-            done = threading.Event()
-            watch = threading.Thread(
-                target=self._watch_keys, args=(descriptor, stop, pause, done), daemon=True, name="watched"
-            )
             _say("The arms move by themselves. Stay and watch: any key stops them, p pauses after the present motion.")
-            watch.start()
-            try:
+            with _beside(self._watch_keys, descriptor, stop, pause):
                 yield
-            finally:
-                done.set()
-                watch.join()
 
     def _watch_keys(self, descriptor: int, stop: Interrupt, pause: Callable[[], None], done: threading.Event) -> None:
         beside_realtime()
@@ -159,6 +144,19 @@ class HoldToRun:
             elif time.monotonic_ns() - self._held_ns > CLUTCH_S * 1e9:
                 stop.stop_requested = True
                 return
+
+
+@contextmanager
+def _beside(watch: Callable[..., None], *arguments: object) -> Iterator[None]:
+    """Run a watch in a thread beside the block, until its event, the last argument, is set."""
+    done = threading.Event()
+    thread = threading.Thread(target=watch, args=(*arguments, done), daemon=True, name="hold-to-run")
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def _space(descriptor: int) -> bool:
