@@ -31,6 +31,11 @@ KINDS = ("read whole", "read whole, damaged elsewhere", "refused", "wrong")
 KEPT = 20  # files of failures that are kept
 
 
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the pool ends its processes by it
+
+
 def _hangs(_number: int, _frame: FrameType | None) -> None:
     raise TimeoutError
 
@@ -161,7 +166,7 @@ def main(
         data = small_log(random.Random(0))
         checked(Path(folder) / "log.mcap", data[: len(data) // 2] + data[len(data) // 2 + 9 :], {}, True)
     work = ((seed, first, min(BATCH, count - first), keep) for first in range(0, count, BATCH))
-    with multiprocessing.get_context("fork").Pool(processes, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+    with multiprocessing.get_context("fork").Pool(processes, _begin) as pool:
         try:
             for part in pool.imap_unordered(_batch, work):
                 found += part
