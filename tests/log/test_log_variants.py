@@ -91,6 +91,14 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
         read_log(tmp_path / os.fsdecode(b"a\xffb.mcap"))
 
 
+def test_a_schema_with_other_types_is_refused_in_one_line(tmp_path: Path) -> None:
+    data = small_log(random.Random(0), compression=CompressionType.NONE, enable_crcs=False)
+    assert b"\x0a\x01q\x18\x01\x20\x03" in data  # q, 1, repeated
+    (tmp_path / "log.mcap").write_bytes(data.replace(b"\x0a\x01q\x18\x01\x20\x03", b"\x0a\x01q\x18\x01\x20\x01"))
+    with pytest.raises(LogError, match="a message of /left/arm is broken"):
+        read_log(tmp_path / "log.mcap").topic("/left/arm")
+
+
 def test_an_attachment_counts_once_however_often_it_is_named(tmp_path: Path) -> None:
     records = split(small_log(random.Random(0))[len(MAGIC) : -len(MAGIC)])
     (k,) = [k for k, (opcode, _) in enumerate(records) if opcode == Opcode.ATTACHMENT_INDEX]
