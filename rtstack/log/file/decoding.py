@@ -62,7 +62,8 @@ class TopicDecoder:
         rest = np.ones(len(t_ns), np.bool_)
         if self._learns and len(t_ns):
             # another version wrote these messages: the first one shows their format
-            message, descriptor = self._message.FromString(data[start[0] : start[0] + size[0]]), self._message.DESCRIPTOR
+            message = self._message.FromString(data[start[0] : start[0] + size[0]])
+            descriptor = message.DESCRIPTOR
             counts = {each.name: len(getattr(message, each.name)) for each in descriptor.fields if each.is_repeated}
             self._wire, self._learns = wire_format_of(self._ours, descriptor, counts), False
         if self._wire is not None:
