@@ -3,6 +3,7 @@ log as they moved, as an animated picture.
 """
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from io import BytesIO
@@ -84,7 +85,7 @@ def plot(
         animate(paths[0], target, first, last)
         typer.echo(f"wrote {target}")
         return
-    title = ", ".join(path.name for path in paths)
+    title = os.fsencode(", ".join(path.name for path in paths)).decode(errors="replace")
     figure = draw(logs, first, last, title)
     try:
         if target.suffix == ".html":

@@ -1,6 +1,7 @@
 """What a figure shows of a log on disk: the signals' samples, the modes and the impacts."""
 
 import math
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +27,8 @@ def figure_log(path: Path, wanted: Sequence[Signal]) -> FigureLog:
         for topic in dict.fromkeys(signal.topic for signal in wanted)
     }
     traces = tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted)
-    return FigureLog(path.stem, traces, tuple(mode_spans(log)), impacts_of(log), sides=log.sides)
+    name = os.fsencode(path.stem).decode(errors="replace")  # no figure takes other text
+    return FigureLog(name, traces, tuple(mode_spans(log)), impacts_of(log), sides=log.sides)
 
 
 def impacts_of(log: Log) -> tuple[tuple[float, str], ...]:

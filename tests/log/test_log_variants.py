@@ -162,6 +162,7 @@ def test_a_log_without_a_sample_is_listed_and_has_no_curve_whatever_its_name(tmp
         writer.finish()
     assert entry_of(path).kind == "trial"
     log = figure_log(path, [signals()[name] for name in DEFAULT])
+    assert log.name == "none\ufffd"
     assert all(len(trace.t_s) == len(trace.values) == 0 for trace in log.traces)
     path.write_bytes(path.read_bytes()[:-9])
     assert read_log(path, truncated=True).metadata["trial"] == {"kind": "trial"}
