@@ -102,7 +102,7 @@ class TeleopInput:
             self._check_holder(operator)
             if len(self._watch.sides) == 1 and coupling not in (None, Coupling.SEPARATE):
                 raise RobotRefused(
-                    f"coupling {coupling} takes two arms, the cell has one: leave it {Coupling.SEPARATE}"
+                    f"coupling {coupling} takes two arms, and the cell has one: leave it {Coupling.SEPARATE}"
                 )
             self._coupling = coupling or self._coupling
             self._handles = handles or self._handles

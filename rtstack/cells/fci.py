@@ -81,11 +81,11 @@ def _open(request: CellRequest) -> Cell:
     if not request.led:
         check_measured(addresses, request.description, request.cell_file)
     check_boxes(request.description, request.cell_file, request.led)
-    own, said = own_limits(addresses)
-    check_models(request.description, own)
     robot_clock = ClockRelation()
     tracker = _listen(request.description.tracker, request.object_name, robot_clock)
     try:
+        own, said = own_limits(addresses)
+        check_models(request.description, own)
         real = request.description.enforce_realtime and not all(map(on_this_machine, addresses))
         if real and obtainable().scheduler != "fifo":
             raise TrialError(

@@ -33,7 +33,7 @@ COMMANDS = {
     "plot": ("plot", "Draw curves of a log, or of up to five above each other; without signals the pads' forces."),
     "export": ("export", "Make a data set of logs, for learning code."),
     "import": ("export", "Make a log of an episode, to be played on the arms (`rtstack play`)."),
-    "recover": ("recovery", "Make a complete log of one that was cut off."),
+    "recover": ("recovery", "Make a complete log of one that was cut off or damaged."),
     "recover-arms": ("recovery", "Clear what the arms have latched (a fault, a reflex), once its cause is gone."),
     "up": ("stack", "Start the whole stack, with the arms at --left and --right or the simulated cell."),
     "robot": ("stack", "Run the robot process alone, as a service does: cell, loop and logs."),

@@ -63,7 +63,8 @@ def export(
         with progress_bar("exporting", not json) as progress:
             done = write_data_set(logs, out, form, progress, query=words, failed=failed, dry_run=dry_run)
     except NothingToExport as error:
-        _say_left_out(error.candidates)
+        if len(error.candidates) > 1:
+            _say_left_out(error.candidates)
         raise
     took_s = time.perf_counter() - began_s
     if json:
