@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from rtstack.live.protocol import JobState
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(600)]
-ROW, LINE = "#outcome", "#outcome-line"
+ROW, LINE = "#episode-outcome", "#outcome-line"
 READ_MS = 240_000  # until the references of a recording are extracted
 
 

@@ -119,7 +119,7 @@ WRONG = {
     "excite": ("none/log.mcap", "the directory none does not exist"),
     "twin": ("none.mcap --out twin", "cannot read none.mcap"),
     "replay": ("none.mcap", "cannot read none.mcap"),
-    "export": ("none.mcap data.h5 --to hdf5", "cannot read none.mcap"),
+    "export": ("none.mcap data.h5 --to hdf5", "none.mcap: cannot be read"),
     "import": ("none out.mcap", "none: it is no LeRobot data set"),
     "recover": ("none.mcap", "cannot read none.mcap"),
     "recover-arms": ("--cell moon", "cell 'moon': the robots' addresses are given as fci:LEFT,RIGHT"),

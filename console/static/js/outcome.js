@@ -31,7 +31,7 @@ export async function decide(job, verdict) {
 
 export class Outcome {
   constructor(live, changed) {
-    this.row = document.getElementById("outcome");
+    this.row = document.getElementById("episode-outcome");
     if (this.row === null) return;
     this.changed = changed;
     this.mine = false;
