@@ -13,7 +13,6 @@ import sys
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 from hal.base.shared import private_folder, remove_left
 from rtstack.loop.mailbox import remove_mailbox
@@ -55,16 +54,19 @@ def run_stack(settings: StackSettings) -> int:
 
     The program is to end after it: from the end's beginning on, these signals are ignored.
     """
+    # an exception of a handler could be raised while a child starts, or be lost where Python ignores it
+    request = os.eventfd(0)
     for number in _ENDING:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has set it
-            signal.signal(number, _raise_ended)
+            signal.signal(number, lambda *_: os.eventfd_write(request, 1))
     try:
         with ExitStack() as stack:
             stack.callback(remove_left)  # of a robot process that was killed
             try:
-                _supervise(settings, stack)
+                _supervise(settings, stack, request)
             finally:
-                _ignore_signals()  # nothing may interrupt the orderly end
+                for number in _ENDING:
+                    signal.signal(number, signal.SIG_IGN)  # nothing may interrupt the orderly end
     except _Ended:
         return 0
     except StackError as error:
@@ -74,17 +76,7 @@ def run_stack(settings: StackSettings) -> int:
     return 0
 
 
-def _raise_ended(_number: int, _frame: FrameType | None) -> None:
-    _ignore_signals()
-    raise _Ended
-
-
-def _ignore_signals() -> None:
-    for number in _ENDING:
-        signal.signal(number, signal.SIG_IGN)
-
-
-def _supervise(settings: StackSettings, stack: ExitStack) -> None:
+def _supervise(settings: StackSettings, stack: ExitStack, request: int) -> None:
     listener = stack.enter_context(listen(settings.port, settings.host))
     folder = stack.enter_context(private_folder("run"))
     name = f"rtstack-{os.getpid()}"
@@ -98,9 +90,10 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     served = ["--listener", str(listener.fileno()), *["--https"] * settings.https]
     console = _Child("console", "console", [*shared, *served], inherited=(listener.fileno(),))
     stack.callback(console.end)  # ended first: callbacks run backwards
-    console.say(robot.first_line())  # both import at the same time, which takes seconds
-    print(f"rtstack is up: {console.first_line()}", flush=True)
-    select.select([robot.exit, console.exit], [], [])
+    console.say(robot.first_line(request))  # both import at the same time, which takes seconds
+    print(f"rtstack is up: {console.first_line(request)}", flush=True)
+    if request in select.select([robot.exit, console.exit, request], [], [])[0]:
+        raise _Ended
     robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
     child = robot if robot.ended else console
     raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
@@ -139,10 +132,14 @@ class _Child:
         )
         self.exit = os.pidfd_open(self._process.pid)
 
-    def first_line(self) -> str:
-        """Return the line that says that the child is ready. Raises StackError when it ends or stays silent."""
+    def first_line(self, request: int) -> str:
+        """Return the line that says that the child is ready. Raises StackError when it ends or stays silent, and _Ended
+        at a request for the end, an eventfd."""
         assert self._process.stdout is not None
-        if not select.select([self._process.stdout], [], [], _START_TIMEOUT_S)[0]:
+        ready, _, _ = select.select([self._process.stdout, request], [], [], _START_TIMEOUT_S)
+        if request in ready:
+            raise _Ended
+        if not ready:
             raise StackError(f"the {self.what} did not start within {_START_TIMEOUT_S:g} s", status=1)
         line = self._process.stdout.readline().decode().strip()
         if not line:
