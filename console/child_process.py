@@ -33,7 +33,7 @@ def start(
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip
     with suppress(ProcessLookupError):  # it has ended already
-        # of data: a file that is mapped takes none (man 2 getrlimit)
+        # RLIMIT_DATA does not count a file that is mapped (man 2 getrlimit)
         resource.prlimit(process.pid, resource.RLIMIT_DATA, (MEMORY_GB << 30, MEMORY_GB << 30))
         resource.prlimit(process.pid, resource.RLIMIT_CPU, (_PROCESSOR_S, _PROCESSOR_S))
     return process

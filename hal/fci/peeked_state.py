@@ -64,8 +64,8 @@ _PEEK, _TRUNC, _DONTWAIT = 0x02, 0x20, 0x40  # sys/socket.h
 REALTIME, MONOTONIC = 0, 1  # time.h
 _CONTROL_BYTES = 64
 _NANO = 1_000_000_000
-# of the words of a look: host's ns, robot's ms, host's ns, bytes; of the state that was read last: robot's ms, host's
-# ns; datagrams that were dropped, and the number of the last one
+# Indices of a look's words. The look: host's ns, robot's ms, host's ns, bytes. The state that was read last: robot's
+# ms, host's ns. Then the count of dropped datagrams, and the number of the last one.
 ARRIVED, OLDEST, LOOKED, SIZE, LAST, LAST_ARRIVED, DROPPED, STRANGE, WORDS = range(9)
 AHEAD_MS = 100  # a number may be ahead of the host's time by what the network may hold back: hal.fci.pair.STALE_S
 MOST_MS = 9_000_000_000_000  # its ns fit into 63 bits

@@ -31,7 +31,7 @@ _SIZE = (1, lambda x: 0.0 < x <= FAR_M, f"a number {_LONG}", None)
 _ANY = (1, lambda x: True, "a finite number", None)
 _POSITIVE = (1, lambda x: x > 0.0, "a number above 0", None)
 _NOT_NEGATIVE = (1, lambda x: x >= 0.0, "a number from 0 on", "0")
-# of a tag's attribute: how many numbers it has, which, in words, and its default (None: it has to be there)
+# Each attribute has: the count of its numbers, a check, the check in words, and a default (None: it is required).
 _RULES = {
     ("origin", "xyz"): (3, lambda x: abs(x) <= FAR_M, f"three numbers up to {FAR_M:g} (m; not mm)", "0 0 0"),
     ("origin", "rpy"): (3, lambda x: abs(x) <= TURN_RAD, "three numbers up to 2 pi (rad; not degrees)", "0 0 0"),

@@ -58,7 +58,7 @@ COMMANDS = {
 }
 
 
-# of a disk or folder that does not take a file; what else a system call refuses is a defect of this program
+# A disk or folder that does not take a file. Any other error of a system call is a defect of this program.
 _HOST = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT)
 
 

@@ -10,8 +10,8 @@ from PIL import Image
 
 from rtstack.log.video import load_av
 
-# of x264: constant quality whose loss is hard to see, and every other frame a key frame, as in LeRobot's own films: a
-# learner reads frames in any order
+# x264 at a constant quality whose loss is hard to see. Every other frame is a key frame, as in LeRobot's films: a
+# learner reads frames in any order.
 _OPTIONS = {"crf": "18", "g": "2", "preset": "veryfast"}
 _JPEG_QUALITY = 95  # of a picture of the film: it is not to lose twice
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rtstack.log.reader import Log
 
 RECORD = "time"  # the metadata record
-# of a run, in memory that two processes may share; pairs: the first and the newest. simulated: the robot's time is.
+# The record lies in memory that two processes may share. pairs: the first and the newest. simulated: robot time is.
 # opened_ns: Unix time of the log's opening. offset_ns: of Unix time to time.monotonic_ns, then
 TIMES = np.dtype(
     [("simulated", "i8"), ("opened_ns", "i8"), ("offset_ns", "i8"),

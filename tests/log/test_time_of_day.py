@@ -62,7 +62,7 @@ def test_a_log_says_its_time_of_day_and_that_the_clock_was_set(monkeypatch, tmp_
     assert found is not None
     assert found.simulated is simulated
     assert found.set_s == pytest.approx(set_s, abs=1e-5)
-    # of the clock as it was at the end: the state was read 0.4 ms before, and was up to 2 ms old where time goes by
+    # The clock is compared at the end: the state was read 0.4 ms before, and was up to 2 ms old where time goes by
     before_ns = 0.2 * MS if simulated else 1.2 * MS
     assert found.unix_ns(7_000 * MS) - first_ns == pytest.approx(1e9 * set_s - before_ns, abs=0.02 * MS)
     assert found.uncertainty_s == pytest.approx(before_ns * 1e-9, abs=1e-5)
