@@ -3,6 +3,7 @@
 import random
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable
 from io import BytesIO
 from typing import Any
@@ -136,6 +137,19 @@ def messages_of(data: bytes, streamed: bool = False) -> Times | None:
         return {name: sorted(each) for name, each in times.items()}
     except Exception:  # whatever each library makes of it
         return None
+
+
+def contradicted(data: bytes) -> bool:
+    """Whether the statistics of a file that is whole count other messages of a channel than there are."""
+    said: dict[int, int] = {}
+    found: Counter[int] = Counter()
+    for opcode, body in split(data[len(MAGIC) : -len(MAGIC)]):
+        for kind, content in [(opcode, body)] if opcode != Opcode.CHUNK else split(opened(body)):
+            if kind == Opcode.MESSAGE:
+                found[int.from_bytes(content[:2], "little")] += 1
+            elif kind == Opcode.STATISTICS:
+                said = Statistics.read(ReadDataStream(BytesIO(content))).channel_message_counts
+    return Counter(said) != found
 
 
 def opened(body: bytes) -> bytes:
