@@ -18,7 +18,7 @@ from hal.compilation import bound, compiled
 from hal.cycle import WORK
 
 EVERY = 16
-_PROCESS_CPU, _THREAD_CPU, _MONOTONIC = 2, 3, 1  # time.h
+REALTIME, MONOTONIC, _PROCESS_CPU, _THREAD_CPU = range(4)  # time.h
 _RUSAGE_THREAD = 1  # sys/resource.h
 _MINOR, _MAJOR = 8, 9  # of the words of struct rusage, getrusage(2)
 _NANO = 1_000_000_000
@@ -31,7 +31,8 @@ _pread = types.ExternalFunction("pread", types.int64(types.int32, types.intp, ty
 
 
 @compiled
-def _clock_ns(clock, which):
+def now_ns(which, clock):
+    """Return a clock's time; clock: a struct timespec, (2,) int64."""
     _clock_gettime(np.int32(which), clock.ctypes.data)
     return clock[0] * _NANO + clock[1]
 
@@ -51,11 +52,11 @@ def _no_cpu_ns(text, descriptor):
 
 @compiled
 def _take(last, sample, clock, usage, text, descriptor):
-    cpu, process = _clock_ns(clock, _THREAD_CPU), _clock_ns(clock, _PROCESS_CPU)
+    cpu, process = now_ns(_THREAD_CPU, clock), now_ns(_PROCESS_CPU, clock)
     no_cpu = _no_cpu_ns(text, descriptor)
     _getrusage(np.int32(_RUSAGE_THREAD), usage.ctypes.data)
     work = sample[0]
-    work.at_us = 1e-3 * _clock_ns(clock, _MONOTONIC)
+    work.at_us = 1e-3 * now_ns(MONOTONIC, clock)
     work.cpu_us = 1e-3 * (cpu - last[_LAST_CPU])
     work.others_us = 1e-3 * max(0, (process - last[_LAST_PROCESS]) - (cpu - last[_LAST_CPU]))
     work.no_cpu_us = 1e-3 * (no_cpu - last[_LAST_NO_CPU])

@@ -208,9 +208,9 @@ def open_link(request: TrackerRequest) -> TrackerLink:
 
 
 class NoTracker:
-    """An ObjectTracker without a camera: the object is never seen."""
+    """The ObjectTracker of a cell that has none: the object is never seen."""
 
-    def __init__(self) -> None:
+    def __init__(self, _request: TrackerRequest | None = None) -> None:
         self._pose = ObjectPose.empty()
 
     def latest(self) -> ObjectPose:
@@ -221,6 +221,4 @@ class NoTracker:
         """Do nothing: nothing was opened."""
 
 
-def open_none(_request: TrackerRequest) -> NoTracker:
-    """Return the tracker of a cell that has none."""
-    return NoTracker()
+open_none = NoTracker

@@ -6,7 +6,7 @@ import os
 import platform
 import signal
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -14,6 +14,7 @@ from functools import lru_cache
 # below the simulated robot (80), which has to keep its own clock, and above everything ordinary
 PRIORITY = 70
 _BESIDE = 60  # other threads of a process with such a thread
+_FIFO = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
 _PR_SET_PDEATHSIG = 1
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # bits/mman-linux.h
@@ -72,26 +73,20 @@ def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterato
     locked = _libc.mlockall(_MCL_CURRENT) == 0
     locked = _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0 and locked
     _libc.prctl(_PR_SET_TIMERSLACK, 1)
-    fifo = priority > 0 and _try_schedule(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    fifo = priority > 0 and _allowed(os.sched_setscheduler, _FIFO, os.sched_param(priority))
     if not fifo:
         _try_slice(_SHORT_SLICE_NS)
     chosen = max(cpus) if cpu is None else cpu
     # staying on one CPU helps only who cannot be pushed off it
-    pinned = chosen != ANY_CPU and fifo and _try_affinity({chosen})
+    pinned = chosen != ANY_CPU and fifo and _allowed(os.sched_setaffinity, {chosen})
     try:
-        yield Obtained(
-            scheduler="fifo" if fifo else "other",
-            priority=os.sched_getparam(0).sched_priority,
-            cpu=chosen if pinned else -1,
-            memory_locked=locked,
-            timer_slack_ns=_libc.prctl(_PR_GET_TIMERSLACK),
-            gc="off",
-        )
+        kept, slack_now_ns = os.sched_getparam(0).sched_priority, _libc.prctl(_PR_GET_TIMERSLACK)
+        yield Obtained("fifo" if fifo else "other", kept, chosen if pinned else ANY_CPU, locked, slack_now_ns, gc="off")
     finally:
-        _try_schedule(policy, parameters)
+        _allowed(os.sched_setscheduler, policy, parameters)
         if not fifo:
             _try_slice(0)
-        _try_affinity(cpus)
+        _allowed(os.sched_setaffinity, cpus)
         _libc.prctl(_PR_SET_TIMERSLACK, slack_ns)
         if locked:
             _libc.munlockall()
@@ -106,7 +101,7 @@ def beside_realtime() -> None:
     The threads of a process share the interpreter's lock: an ordinary one that holds it and is pushed off its CPU by
     another program keeps the real-time thread waiting for as long as that one runs.
     """
-    _try_schedule(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_BESIDE))
+    _allowed(os.sched_setscheduler, _FIFO, os.sched_param(_BESIDE))
 
 
 def ordinary_thread() -> None:
@@ -131,10 +126,11 @@ def obtainable() -> Obtained:
         return obtained
 
 
-def _try_schedule(policy: int, parameters: os.sched_param) -> bool:
+def _allowed(call: Callable[..., None], *arguments: object) -> bool:
+    """Make a call about the calling thread; return whether the host allowed it."""
     try:
-        os.sched_setscheduler(0, policy, parameters)
-    except PermissionError:
+        call(0, *arguments)
+    except OSError:
         return False
     return True
 
@@ -146,11 +142,3 @@ def _try_slice(nanoseconds: int) -> None:
     nice = os.getpriority(os.PRIO_PROCESS, 0)
     attributes = _SCHED_ATTR.pack(_SCHED_ATTR.size, os.SCHED_OTHER, 0, nice, 0, nanoseconds, 0, 0)
     _libc.syscall(_SCHED_SETATTR, 0, attributes, 0)
-
-
-def _try_affinity(cpus: set[int]) -> bool:
-    try:
-        os.sched_setaffinity(0, cpus)
-    except OSError:
-        return False
-    return True

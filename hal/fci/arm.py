@@ -41,14 +41,9 @@ class FciArm:
     """The arm at `address`. Torque control begins with `start`, or with the first `write`."""
 
     def __init__(
-        self,
-        address: str,
-        tool: Pad | None = None,
-        collisions: CollisionBehaviour | None = None,
-        *,
-        name: str = "arm",
-        enforce_realtime: bool = False,
-    ) -> None:
+        self, address: str, tool: Pad | None = None, collisions: CollisionBehaviour | None = None, *,
+        name: str = "arm", enforce_realtime: bool = False,
+    ) -> None:  # fmt: skip
         """Connect and set up; an arm in reflex is set up by its recovery. Raises ConnectionLost, CommandRejected,
         HardwareError.
 
@@ -125,9 +120,7 @@ class FciArm:
         """
         tool, before = self._setup
         self._setup, self.hold_bounds = (tool, collisions), collisions.hold_bounds
-        if collisions == before:
-            return
-        if not self.reflex():
+        if collisions != before and not self.reflex():
             with self._call():
                 tell_collisions(self._open_robot(), collisions)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from hal.compilation import bound, compiled
 from hal.cycle import CYCLE
-from hal.fci.peeked_state import ARRIVED, LOOKED, MONOTONIC, OLDEST, PeekedState, now_ns
+from hal.fci.peeked_state import ARRIVED, LOOKED, OLDEST, PeekedState
+from hal.host_work import MONOTONIC, now_ns
 
 LATE_NS = 500_000  # from when the host's counters are read: half of what the robot allows
 _TICK_NS = 1_000_000

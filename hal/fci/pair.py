@@ -149,31 +149,25 @@ class FciPair:
     def recover(self) -> tuple[str, ...]:
         """Recover the arms that are in reflex, see hal.cell.ArmLink."""
         done: list[str] = []
-        refused: list[str] = []
-        lost: list[HardwareError] = []
+        failed: list[HardwareError] = []
         begun = []
         for arm in self.arms.values():
             try:
                 begun.append((arm, arm.begin_recovery()))
-            except RecoveryRefused as error:
-                refused.append(str(error))
             except HardwareError as error:
-                lost.append(error)
+                failed.append(error)
         for arm, recovery in begun:  # both boxes take their time at once
-            if recovery is None:
-                continue
             try:
-                arm.end_recovery(*recovery)
-            except RecoveryRefused as error:
-                refused.append(str(error))
+                if recovery is not None:
+                    arm.end_recovery(*recovery)
+                    done.append(f"{arm.called} has recovered from {', '.join(recovery[1])}")
             except HardwareError as error:
-                lost.append(error)
-            else:
-                done.append(f"{arm.called} has recovered from {', '.join(recovery[1])}")
-        if lost:
-            raise lost[0]
-        if refused:
-            raise RecoveryRefused("; ".join(done + refused))
+                failed.append(error)
+        for error in failed:
+            if not isinstance(error, RecoveryRefused):
+                raise error
+        if failed:
+            raise RecoveryRefused("; ".join([*done, *map(str, failed)]))
         return tuple(done)
 
     def _meet(self) -> None:
@@ -214,11 +208,7 @@ class FciPair:
         # a second look: where this process itself was held up, the states are there by now
         ready = watch.wait(self._stale_s) or watch.wait(LONGEST_WAIT_S)
         waited_s = min(1e-9 * (time.monotonic_ns() - began_ns), LONGEST_WAIT_S) if ready else self._stale_s
-        mask = 0
-        for descriptor in ready:
-            side = self._sides[descriptor]
-            if self.arms[side].arrived():
-                mask |= side
+        mask = sum(side for side in (self._sides[each] for each in ready) if self.arms[side].arrived())
         for side, silent_s in self._silent_s.items():
             self._silent_s[side] = 0.0 if mask & side else silent_s + waited_s
         # all of them, before one is told: a stop that is sent to a silent arm would never return
@@ -240,14 +230,9 @@ class FciPair:
 
 
 def open_pair(
-    left_address: str | None,
-    right_address: str | None,
-    tools: tuple[Pad | None, Pad | None] = (None, None),
-    collisions: CollisionBehaviour | None = None,
-    *,
-    shared_clock: bool = False,
-    enforce_realtime: bool = False,
-) -> FciPair:
+    left_address: str | None, right_address: str | None, tools: tuple[Pad | None, Pad | None] = (None, None),
+    collisions: CollisionBehaviour | None = None, *, shared_clock: bool = False, enforce_realtime: bool = False,
+) -> FciPair:  # fmt: skip
     """Connect to the arms, with what each of them carries; None: there is no such arm. Raises what FciArm raises, and
     leaves nothing open then.
 
@@ -255,14 +240,13 @@ def open_pair(
     """
     opened: list[FciArm | None] = []
     try:
-        for name, address, tool in zip(("left", "right"), (left_address, right_address), tools, strict=True):
+        for name, address, tool in zip(("left arm", "right arm"), (left_address, right_address), tools, strict=True):
             arm = None
             if address is not None:
-                arm = FciArm(address, tool, collisions, name=f"{name} arm", enforce_realtime=enforce_realtime)
+                arm = FciArm(address, tool, collisions, name=name, enforce_realtime=enforce_realtime)
             opened.append(arm)
     except BaseException:
-        for arm in opened:
-            if arm is not None:
-                arm.close()
+        for arm in filter(None, opened):
+            arm.close()
         raise
     return FciPair(*opened, shared_clock=shared_clock)

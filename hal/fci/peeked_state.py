@@ -18,6 +18,7 @@ import numpy as np
 from numba import types
 
 from hal.compilation import bound, compiled
+from hal.host_work import MONOTONIC, REALTIME, now_ns
 from hal.state import ArmState
 from hal.wire import ROBOT_STATE
 
@@ -61,7 +62,6 @@ def unpack(datagrams, size, states, number):
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h
 _STAMP = socket.SOL_SOCKET | _SO_TIMESTAMPNS << 32  # level and type of a control message (cmsg(3))
 _PEEK, _TRUNC, _DONTWAIT = 0x02, 0x20, 0x40  # sys/socket.h
-REALTIME, MONOTONIC = 0, 1  # time.h
 _CONTROL_BYTES = 64
 _NANO = 1_000_000_000
 # Indices of a look's words. The look: host's ns, robot's ms, host's ns, bytes. The state that was read last: robot's
@@ -73,14 +73,6 @@ JUMPED = -2
 _MOST_DROPS = 64  # in one look
 
 _recvmsg = types.ExternalFunction("recvmsg", types.int64(types.int32, types.intp, types.int32))
-_clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
-
-
-@compiled
-def now_ns(which, clock):
-    """Return a clock's time; clock: a struct timespec, (2,) int64."""
-    _clock_gettime(np.int32(which), clock.ctypes.data)
-    return clock[0] * _NANO + clock[1]
 
 
 @compiled

@@ -12,17 +12,9 @@ import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.base import configuration
 from hal.base.arrays import Array
-from hal.base.configuration import (
-    ConfigurationError,
-    NotNegative,
-    Positive,
-    Real,
-    from_document,
-    one_line,
-    read_file,
-    read_toml,
-)
+from hal.base.configuration import ConfigurationError, NotNegative, Positive, Real
 from hal.limits import CONTROL_RATE_HZ, DOF, ArmLimits
 from hal.robots.bodies import TURN_RAD, DescriptionError
 from hal.robots.description import described
@@ -149,8 +141,8 @@ class _File:
 def read_robot(path: Path) -> RobotModel:
     """Read a model's TOML and the URDF that it names, beside it. Raises RobotError with one line."""
     try:
-        document, text = read_toml(path)
-        file = from_document(document, _File, str(path), text)
+        document, text = configuration.read_toml(path)
+        file = configuration.from_document(document, _File, str(path), text)
     except ConfigurationError as error:
         raise RobotError(str(error)) from None
     if file.rate_hz != CONTROL_RATE_HZ:
@@ -162,32 +154,22 @@ def read_robot(path: Path) -> RobotModel:
         raise RobotError(f"{path}: key sources: no entry says where {without} comes from")
     law = file.limits.velocity_law
     limits = ArmLimits(
-        **{name: _fixed(getattr(file.limits, name)) for name in _OF_JOINTS},
-        velocity_offset=_fixed(law.offset),
-        deceleration=_fixed(law.deceleration),
-        tau_rate_max=file.limits.tau_rate_max,
-        velocity_law_enforced=law.enforced,
-    )
+        **{name: _fixed(getattr(file.limits, name)) for name in _OF_JOINTS}, tau_rate_max=file.limits.tau_rate_max,
+        velocity_offset=_fixed(law.offset), deceleration=_fixed(law.deceleration), velocity_law_enforced=law.enforced,
+    )  # fmt: skip
     source = path.parent / file.urdf
     try:
-        urdf = described(read_file(source), path.stem, file.joints, file.flange, limits)
+        urdf = described(configuration.read_file(source), path.stem, file.joints, file.flange, limits)
     except (OSError, ValueError, RecursionError) as error:
         cannot = "" if isinstance(error, DescriptionError) else " cannot be read"
         reason = error.strerror if isinstance(error, OSError) else error
-        raise RobotError(one_line(f"{path}: key urdf: {source}{cannot}: {reason}")) from None
+        raise RobotError(configuration.one_line(f"{path}: key urdf: {source}{cannot}: {reason}")) from None
     return RobotModel(
-        reference=str(path.resolve()),
-        title=file.title,
-        urdf=urdf,
-        limits=limits,
-        cartesian=file.cartesian,
-        B=_fixed(file.motor_inertia.B),
-        B_theta=_fixed(file.motor_inertia.B_theta),
+        str(path.resolve()), file.title, urdf, limits, file.cartesian, _fixed(file.motor_inertia.B),
+        _fixed(file.motor_inertia.B_theta),
         friction=(_fixed(file.friction.p1), _fixed(file.friction.p2), _fixed(file.friction.p3)),
-        sources=file.sources,
-        plant={str(key): values for key, values in file.plant.items()},
-        meshes=file.meshes,
-    )
+        sources=file.sources, plant={str(key): values for key, values in file.plant.items()}, meshes=file.meshes,
+    )  # fmt: skip
 
 
 def _without_source(document: dict[str, Any], sources: dict[str, str]) -> str:
