@@ -2,9 +2,8 @@
 
     python -m console --run FOLDER --name NAME --logs DIR --cell TOML --listener FD
 
-Started by the supervisor (rtstack.live.stack), which holds the listening socket and the other end of our standard
-input: a line there says that the robot process is ready. Prints one line on standard output once it answers: the
-address with the one-time token.
+The supervisor (rtstack.live.stack) holds the listening socket and the other end of our standard input: a line there
+says that the robot process is ready. Prints the address with the one-time token on standard output once it answers.
 """
 
 import asyncio

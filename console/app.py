@@ -74,12 +74,6 @@ def create_app(parts: Parts, address: Address) -> FastAPI:
     return app
 
 
-def _methods(path: str) -> set[str]:
-    """Return all methods that a path takes: several routes may share it, and the first one knows its own only."""
-    routes = [route for module in _ROUTES for route in module.router.routes if isinstance(route, APIRoute)]
-    return {method for route in routes if route.path_regex.match(path) for method in route.methods or ()}
-
-
 def _answer(request: Request, status: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
     """Return an error: a page where a browser asked for one, else one line of JSON."""
     session = request.state.session
@@ -90,8 +84,10 @@ def _answer(request: Request, status: int, text: str, headers: Mapping[str, str]
 
 def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    methods = ", ".join(sorted(_methods(request.url.path))) if error.status_code == 405 else ""
-    if methods:
+    # several routes may share a path, and the first one knows its own methods only
+    routes = [each for module in _ROUTES for each in module.router.routes if isinstance(each, APIRoute)]
+    same = [each for each in routes if error.status_code == 405 and each.path_regex.match(request.url.path)]
+    if methods := ", ".join(sorted({method for each in same for method in each.methods or ()})):
         text = f"{request.method} is not for this address; it takes {methods}"
         return _answer(request, 405, text, {"allow": methods})
     return _answer(request, error.status_code, str(error.detail), error.headers)

@@ -71,8 +71,8 @@ class CellCalibration:
     def view(self) -> CalibrationView:
         """Return how things are; asks for a fit where there is none of these points."""
         cell = load_cell_description(self._file)
-        points, now = self._points(), cell.calibration
-        answer, why, question = {}, None, self._fit(points, self._watch.sides)
+        points, now, sides = self._points(), cell.calibration, self._watch.sides
+        answer, why, question = {}, None, self._fit(points, sides)
         if question is not None and question.done():
             try:
                 answer = question.answer()
@@ -86,7 +86,7 @@ class CellCalibration:
             str(self._file),
             *written,
             tuple(
-                PointView(name, p.what, p.side, p.asked, p.measured(self._watch.sides), off.get(name), name in wrong)
+                PointView(name, p.what, p.side, p.asked, p.measured(sides), off.get(name), name in wrong)
                 for name, p in points.items()
             ),
             question is not None and not question.done(),
@@ -103,7 +103,7 @@ class CellCalibration:
                 raise Refused(409, f"there is a point {name} already: remove it first")
             if len(points) >= MOST:
                 raise Refused(409, f"{MOST} points are enough: remove some")
-            self._save({**points, name: point})
+            save_points(self._path, {**points, name: point})
 
     def remove(self, name: str) -> None:
         """Forget a point."""
@@ -111,7 +111,7 @@ class CellCalibration:
             points = self._points_with(name)
             del points[name]
             if points:
-                self._save(points)
+                save_points(self._path, points)
             else:
                 self._path.unlink()
 
@@ -121,7 +121,7 @@ class CellCalibration:
         q, tau = self._states()
         with self._lock:
             points = self._points_with(name)
-            self._save({**points, name: points[name].taken(q, tau, self._watch.sides)})
+            save_points(self._path, {**points, name: points[name].taken(q, tau, self._watch.sides)})
 
     def write(self) -> None:
         """Write what was found into the cell's file."""
@@ -152,9 +152,6 @@ class CellCalibration:
         if name not in points:
             raise Refused(404, "there is no point of this name")
         return points
-
-    def _save(self, points: dict[str, Point]) -> None:
-        save_points(self._path, points)
 
     def _states(self) -> tuple[np.ndarray, np.ndarray]:
         """Return joints and external torques of the arms at rest, (arms, 7) each, rad and Nm."""

@@ -24,10 +24,7 @@ def start(
     module: str, *arguments: str, stdin: int = subprocess.DEVNULL, stdout: int = subprocess.DEVNULL,
     stderr: int = subprocess.DEVNULL, preexec_fn: Callable[[], None] | None = None,
 ) -> "subprocess.Popen[bytes]":  # fmt: skip
-    """Start `python -m MODULE ARGUMENTS`, which computes in one thread, within bounds of memory and time.
-
-    The others: as for Popen.
-    """
+    """Start `python -m MODULE ARGUMENTS`, in one thread, within bounds of memory and time. The others: as for Popen."""
     process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments], stdin=stdin, stdout=stdout, stderr=stderr, preexec_fn=preexec_fn,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

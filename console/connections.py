@@ -65,10 +65,7 @@ class Visitor(socket.socket):
 
 
 class Door(socket.socket):
-    """A listening socket for an asyncio server, whose backlog is AT_ONCE. It makes room for what it accepts.
-
-    count: its connections, of strangers and of sessions.
-    """
+    """A listening socket that makes room for what it accepts. count: its connections, of strangers and of sessions."""
 
     def __init__(self, listener: socket.socket, strangers: int | None = None) -> None:
         """Take the place of a listener. strangers: the largest number; None: half of all connections."""

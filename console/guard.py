@@ -133,10 +133,7 @@ def _refuse(status: int, reason: str) -> Response:
 
 
 def _capped(receive: Receive) -> Receive:
-    """Receive no body that is too long, although its length is not given.
-
-    FastAPI's own limit would answer in front of the guard, in another form.
-    """
+    """Receive no body that is too long without a length: FastAPI's own limit would answer in another form."""
     received = 0
 
     async def receive_capped() -> Message:

@@ -70,10 +70,7 @@ def assemble(
     stack: ExitStack, address: Address, cell: CellDescription, cell_file: Path, logs: Path, socket_path: Path,
     mailbox: Mailbox, rings: Rings, profile: str = "", patience_s: float = STATUS_TIMEOUT_S,
 ) -> Parts:  # fmt: skip
-    """Make the parts, and begin to watch. The stack closes them. Raises Refused, OSError.
-
-    socket_path: the robot process's; patience_s: for its status.
-    """
+    """Make the parts, which the stack closes, and watch. patience_s: for the status. Raises Refused, OSError."""
 
     def kept(part: Closed) -> Closed:
         return stack.enter_context(closing(part))

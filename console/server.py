@@ -46,9 +46,7 @@ class PatientProtocol(H11Protocol):
 
 
 def server_settings(app: FastAPI, tls: ssl.SSLContext | None = None) -> uvicorn.Config:
-    """Return uvicorn's settings; with tls, it speaks HTTPS alone. No proxy is believed, and nothing says which server
-    this is.
-    """
+    """Return uvicorn's settings; with tls, it speaks HTTPS alone. No proxy is believed."""
     if tls is not None:  # uvicorn hands neither on
         asyncio.constants.SSL_HANDSHAKE_TIMEOUT = asyncio.constants.SSL_SHUTDOWN_TIMEOUT = PATIENCE_S  # type: ignore[misc]
     return uvicorn.Config(

@@ -65,7 +65,7 @@ class SignIn:
         self.tokens = tokens
         self._audit = audit
         self._lock = threading.Lock()
-        self._token = secrets.token_urlsafe(24)
+        self._token = secrets.token_urlsafe(24)  # the first one-time token
         self._open: dict[str, tuple[Scope, float]] = {self._token: (Scope.OPERATE, float("inf"))}
         self._sessions: dict[str, UserSession] = {}
         self._stoppers: dict[str, UserSession] = {}  # by their second cookie
@@ -102,9 +102,7 @@ class SignIn:
             self._code = _Code(code, scope, _now_s() + PAIRING_S)
         return code
 
-    def redeem_code(
-        self, code: str, instead_of: UserSession | None = None, address: str = ""
-    ) -> UserSession | None:  # fmt: skip
+    def redeem_code(self, code: str, instead_of: UserSession | None = None, address: str = "") -> UserSession | None:
         """Exchange a code for a browser's session, as `redeem` a token.
 
         address: the client's. After MAX_GUESSES wrong codes it has to wait, twice as long after each further one.
@@ -144,10 +142,7 @@ class SignIn:
         self._audit.note("refused", None, f"{what} from {address} was refused")
 
     def redeem(self, token: str, instead_of: UserSession | None = None) -> UserSession | None:
-        """Exchange a one-time token for a browser's session. Returns None for a wrong, old or used one.
-
-        instead_of: what the browser was signed in as; it ends.
-        """
+        """Exchange a one-time token for a browser's session, None for a wrong, old or used one; `instead_of` ends."""
         with self._lock:
             known = self._offered(token)
             if known is None:
@@ -202,10 +197,7 @@ class SignIn:
         return session if session is not None and session.token is None else None
 
     def stopper(self, cookie: str | None) -> UserSession | None:
-        """Return as whom a browser was signed in last, by its second cookie; None where it never was.
-
-        For STOP alone: it outlives the session, so that STOP is there when a session has ended in a motion.
-        """
+        """Return as whom a browser was signed in last, by its second cookie, for STOP alone; None for never."""
         with self._lock:
             return self._stoppers.get(cookie or "")
 

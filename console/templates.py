@@ -52,10 +52,7 @@ def is_page(method: str, path: str) -> bool:
 
 
 def mode_sheet() -> str:
-    """Return the style sheet of the modes, from rtstack.palette.
-
-    A mode's colour is `--mode` below any element with `data-mode`, and `--mode-NAME` everywhere.
-    """
+    """Return the modes' colours as a style sheet: `--mode` below any `data-mode`, and `--mode-NAME` everywhere."""
     dark = " ".join(f"{_variable(mode.name)}: {style.colour};" for mode, style in MODE_STYLES.items())
     light = " ".join(f"{_variable(mode.name)}: {style.light};" for mode, style in MODE_STYLES.items())
     each = "\n".join(f'[data-mode="{mode.name}"] {{ --mode: var({_variable(mode.name)}); }}' for mode in MODE_STYLES)

@@ -9,15 +9,14 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
-
-from pydantic import TypeAdapter, ValidationError
 
 from console.orders import TrialOrder
 from console.queue.entry import Entry, EntryState, QueueOrder, QueueView
 from console.refused import Refused
-from hal.base.files import write_whole
+from rtstack.references.acceptance import keep_beside, load_beside
 from rtstack.trials.specification import MOST_SEED
 
 FILE_NAME = "queue.json"
@@ -26,12 +25,11 @@ INTERRUPTED = "the console ended while it ran"
 _FRESH = "it was not started since the console began"
 _NEW = "it was not started yet"
 _EMPTY = "nothing waits in it"
-_ENTRIES = TypeAdapter(tuple[Entry, ...])
+_broken = partial(Refused, 500)
 
 
 class Queue:
     """The list and its file. May be used from any thread; what is changed is kept before a method returns.
-    What changes the entries returns how the queue is then.
 
     operator: on whose word it runs, None while it is paused, as when the console begins, whatever it was before.
     past_failures: whether it goes on past grabs that do not succeed.
@@ -170,13 +168,7 @@ class Queue:
 
 def load_entries(path: Path) -> tuple[Entry, ...]:
     """Return the entries, none where there is no file; what ran is stopped. Raises Refused."""
-    try:
-        entries = _ENTRIES.validate_json(path.read_bytes())
-    except FileNotFoundError:
-        return ()
-    except (OSError, ValidationError) as error:
-        line = str(error).splitlines()[0]
-        raise Refused(500, f"{path}: {line}; remove the file to begin with an empty queue") from None
+    entries = load_beside(path, tuple[Entry, ...], _broken, "to begin with an empty queue")
     return tuple(
         replace(entry, state=EntryState.STOPPED, reason=INTERRUPTED) if entry.state is EntryState.RUNNING else entry
         for entry in entries
@@ -185,10 +177,7 @@ def load_entries(path: Path) -> tuple[Entry, ...]:
 
 def save_entries(path: Path, entries: Sequence[Entry]) -> None:
     """Keep the entries. Raises Refused."""
-    try:
-        write_whole(path, json.dumps([asdict(entry) for entry in entries], indent=1), durable=True)
-    except OSError as error:
-        raise Refused(500, f"{path}: cannot be written: {error.strerror}") from None
+    keep_beside(path, json.dumps([asdict(entry) for entry in entries], indent=1), _broken)
 
 
 def time_left_s(entries: Sequence[Entry], now_s: float) -> float | None:

@@ -3,16 +3,17 @@
 import json
 import threading
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.refused import Refused
 from hal.base.configuration import STRICT
-from hal.base.files import write_whole
 from rtstack.messages import StrictBool, StrictFloat
+from rtstack.references.acceptance import keep_beside, load_beside
 
 FILE_NAME = "layouts.json"  # in the folder of logs
 MOST = 64
@@ -34,7 +35,8 @@ class Layout:
     difference: StrictBool = False
 
 
-_LAYOUTS = TypeAdapter(dict[Annotated[str, Field(**LAYOUT_NAME)], Layout])
+_LAYOUTS = dict[Annotated[str, Field(**LAYOUT_NAME)], Layout]
+_refused = partial(Refused, 409)
 
 
 class Layouts:
@@ -46,19 +48,14 @@ class Layouts:
 
     def all(self) -> dict[str, Layout]:
         """Return the layouts by name. Raises Refused."""
-        try:
-            return _LAYOUTS.validate_json(self._path.read_bytes())
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValidationError) as error:
-            raise Refused(409, f"{self._path}: {str(error).splitlines()[0]}; remove the file to begin anew") from None
+        return load_beside(self._path, _LAYOUTS, _refused)
 
     def put(self, name: str, layout: Layout) -> None:
         """Keep a layout, in the place of one of this name. Raises Refused."""
         with self._lock:
             layouts = self.all()
             if name not in layouts and len(layouts) >= MOST:
-                raise Refused(409, f"there are {MOST} layouts; remove one first")
+                raise _refused(f"there are {MOST} layouts; remove one first")
             self._write({**layouts, name: layout})
 
     def remove(self, name: str) -> None:
@@ -70,7 +67,5 @@ class Layouts:
             self._write(layouts)
 
     def _write(self, layouts: dict[str, Layout]) -> None:
-        try:
-            write_whole(self._path, json.dumps({name: asdict(one) for name, one in sorted(layouts.items())}, indent=1))
-        except OSError as error:
-            raise Refused(409, f"{self._path}: cannot be written: {error.strerror}") from None
+        said = {name: asdict(one) for name, one in sorted(layouts.items())}
+        keep_beside(self._path, json.dumps(said, indent=1), _refused)

@@ -20,8 +20,7 @@ from console.routes.control import request_stop
 from console.routes.problems import problems
 from console.routes.sockets import SIGNED_OUT
 from console.sign_in import UserSession
-from console.teleoperation.devices import OfArms
-from console.teleoperation.pair import Coupling
+from console.teleoperation.devices import Coupling, OfArms
 from console.teleoperation.teleop_view import Handles, Lead, TeleopView
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.loop.mailbox import Release

@@ -1,4 +1,4 @@
-"""What input devices say, as requests: (arms, 7), position m and quaternion wxyz, in the world.
+"""What input devices say, as requests: (arms, 7), position m and quaternion wxyz, in the world; how one leads another.
 
 A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. `Grips` keeps where
 what leads the pads, and the pads, were when it began to, and the drags to undo.
@@ -6,10 +6,11 @@ what leads the pads, and the pads, were when it began to, and the drags to undo.
 
 from collections import deque
 from collections.abc import Sequence
+from enum import StrEnum
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from console.teleoperation.pair import Coupling, led
 from console.teleoperation.quaternion import angle_between, conjugate, product, quaternion, rotation_vector, squared
 from hal.base.arrays import Array
 from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, UNIT_TOLERANCE
@@ -18,17 +19,47 @@ _UNDO_DEPTH = 20  # drags
 _UNDONE_M, _UNDONE_RAD = 2e-3, 5e-3  # a drag that asks for less than this is none
 _TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
 LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then it must be sent again
+_MIRROR = np.array([1.0, -1.0, 1.0])  # the plane between the arms is y = 0
 
 OfArms = Sequence[Array | None]  # of each arm of the cell, left before right; None: nothing is said of it
+
+
+class Coupling(StrEnum):
+    """What the other arm does when one is moved."""
+
+    SEPARATE = "separate"  # nothing
+    LINKED = "linked"  # both move as one body: turns are about the middle between them
+    MIRRORED = "mirrored"  # the same, mirrored: hands that close on an object or open
+
+
+def led(poses: Array, side: int, shift: Array, turn: Array, coupling: Coupling) -> Array:
+    """Return the poses after the hand `side` was shifted by (3,), m, and turned by a quaternion, in the world.
+
+    side: its place in the arrays; a coupling other than SEPARATE is of two hands.
+    """
+    moved = poses.copy()
+    if coupling is Coupling.LINKED:
+        centre, rotation = poses[:, :3].mean(axis=0), Rotation.from_quat(turn, scalar_first=True)
+        for pose in moved:
+            pose[:3] = centre + rotation.apply(pose[:3] - centre) + shift
+            pose[3:] = product(turn, pose[3:])
+    else:
+        _move(moved[side], shift, turn)
+    if coupling is Coupling.MIRRORED:
+        _move(moved[1 - side], _MIRROR * shift, turn * np.array([1.0, -1.0, 1.0, -1.0]))
+    moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
+    return moved
+
+
+def _move(pose: Array, shift: Array, turn: Array) -> None:
+    pose[:3] += shift
+    pose[3:] = product(turn, pose[3:])
 
 
 def deflected(
     asked: Array, deflections: OfArms, elapsed_s: float, speed_m_s: float, turn_rad_s: float, coupling: Coupling
 ) -> Array:
-    """Return the requests after keys or sticks were held for elapsed_s.
-
-    deflections: (6,) an arm, each from -1 to 1, along the world's axes and about them.
-    """
+    """Return the requests after keys or sticks were held for elapsed_s. deflections: (6,) an arm, each -1 to 1."""
     step_s = min(elapsed_s, LONGEST_STEP_S)
     for side, deflection in enumerate(deflections):
         if deflection is not None and deflection.any():

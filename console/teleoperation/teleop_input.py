@@ -14,9 +14,8 @@ from math import inf
 import numpy as np
 
 from console.live.watch import Watch
-from console.teleoperation.devices import Grips, OfArms, deflected, refusal, straightened, towards
+from console.teleoperation.devices import Coupling, Grips, OfArms, deflected, refusal, straightened, towards
 from console.teleoperation.gate import OLDEST_COMMAND_S, Admission, Drop, Gate
-from console.teleoperation.pair import Coupling
 from console.teleoperation.policies import Policies
 from console.teleoperation.teleop_view import Handles, Latency, Lead, TeleopView
 from hal.base.arrays import Array

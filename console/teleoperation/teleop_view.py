@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from console.teleoperation.pair import Coupling
+from console.teleoperation.devices import Coupling
 from rtstack.log.ring import Rings
 from rtstack.topics import HAND_TOPIC
 

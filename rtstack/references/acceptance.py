@@ -1,6 +1,7 @@
 """A person's verdict on a recording, in a small file beside it: a log that is finished is never written again."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -60,7 +61,7 @@ def save_acceptance(recording: Path, acceptance: Acceptance) -> None:
     keep_beside(acceptance_file(recording), json.dumps(asdict(acceptance), indent=1), AcceptanceError)
 
 
-def load_beside(path: Path, kind: type[T], refused: type[Exception]) -> T:
+def load_beside(path: Path, kind: type[T], refused: Callable[[str], Exception], anew: str = "to begin anew") -> T:
     """Return what a small file beside a log says, `kind()` where there is none. Raises `refused` for a broken one."""
     try:
         return TypeAdapter(kind).validate_json(path.read_bytes())
@@ -68,10 +69,10 @@ def load_beside(path: Path, kind: type[T], refused: type[Exception]) -> T:
         return kind()
     except (OSError, ValidationError) as error:
         line = str(error).splitlines()[0]
-        raise refused(f"{path}: {line}; remove the file to begin anew") from None
+        raise refused(f"{path}: {line}; remove the file {anew}") from None
 
 
-def keep_beside(path: Path, text: str, refused: type[Exception]) -> None:
+def keep_beside(path: Path, text: str, refused: Callable[[str], Exception]) -> None:
     """Write a small file beside a log: whole, or not at all; none for an empty text. Raises `refused`."""
     try:
         if text:

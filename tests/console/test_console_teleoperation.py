@@ -13,8 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from console.scene.scenes import Detail
-from console.teleoperation.devices import Grips
-from console.teleoperation.pair import Coupling, led
+from console.teleoperation.devices import Coupling, Grips, led
 from console.teleoperation.quaternion import angle_between, product, quaternion, squared
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import JobState
