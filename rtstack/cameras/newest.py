@@ -1,6 +1,5 @@
 """What the cameras of a run show while it runs, for a policy. The log gets its pictures with a policy and without."""
 
-import io
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -8,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from rtstack.log.video import BEGINS, Decoder
+from rtstack.log.video import BEGINS, Decoder, pixels_of
 from rtstack.log.writing.pictures import SLOTS, PictureRing
 
 _PATIENCE_S = 5.0  # of a run that waits for a picture: drawing takes 0.03 s, a program that starts some seconds
@@ -27,7 +25,7 @@ class Picture:
     @property
     def rgb(self) -> NDArray[np.uint8]:
         """Its pixels (rows, columns, 3)."""
-        return np.array(Image.open(io.BytesIO(self.jpeg)).convert("RGB"))
+        return pixels_of(self.jpeg).copy()
 
 
 class _Shown:
@@ -91,6 +89,5 @@ class NewestPictures:
         return found
 
     def close(self) -> None:
-        """Let go of the rings."""
         for shown in self._shown.values():
             shown.ring.close()

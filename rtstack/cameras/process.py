@@ -1,13 +1,11 @@
 """The process of one camera: its pictures into its ring. Started by rtstack.cameras.start, never by hand."""
 
-import io
 import json
 import os
 import signal
 import sys
 import time
 from pathlib import Path
-from types import FrameType
 
 from PIL import Image
 from pydantic import TypeAdapter
@@ -17,7 +15,7 @@ from hal.extensions import PLUG_INS_RAISE, ExtensionError, raised
 from rtstack.cameras.source import CAMERAS, CameraRequest, draw_time
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
-from rtstack.log.video import Encoder
+from rtstack.log.video import Encoder, jpeg_of
 from rtstack.log.writing.pictures import PictureRing
 from rtstack.model.cell_description import CameraDescription
 
@@ -26,15 +24,10 @@ _IDLE_S = 0.005
 
 
 def main() -> int:
-    """Entry point: the job as JSON."""
     job = json.loads(sys.argv[1])
     ending: list[int] = []
-
-    def end(number: int, _frame: FrameType | None) -> None:
-        ending.append(number)
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
-    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGTERM, lambda number, _: ending.append(number))
     ordinary_thread()
     os.nice(_NICENESS)
     pictures, rings = PictureRing.attach(job["pictures"]), Rings.attach(job["rings"])
@@ -56,10 +49,8 @@ def main() -> int:
                 draw_time(picture, t_ns)
             if video is not None:
                 pictures.write(t_ns, video.encode(t_ns, picture))
-                continue
-            file = io.BytesIO()
-            Image.fromarray(picture).save(file, "JPEG", quality=described.quality)
-            pictures.write(t_ns, file.getvalue())
+            else:
+                pictures.write(t_ns, jpeg_of(Image.fromarray(picture), described.quality))
         camera.close()
     except (OSError, LogError, ExtensionError, ImportError) as error:
         pictures.fail(" ".join(str(error).split()))

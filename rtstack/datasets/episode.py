@@ -121,7 +121,6 @@ def check_log(path: Path) -> Log:
 
 
 def digest_of(path: Path) -> str:
-    """Return the SHA-256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

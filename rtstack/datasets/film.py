@@ -1,19 +1,15 @@
 """A camera's pictures at the frames as a film of H.264, and back, by PyAV (the extra `video`)."""
 
-import io
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
-
-from rtstack.log.video import load_av
+from rtstack.log.video import jpeg_of, load_av, pixels_of
 
 # x264 at a constant quality whose loss is hard to see. Every other frame is a key frame, as in LeRobot's films: a
 # learner reads frames in any order.
 _OPTIONS = {"crf": "18", "g": "2", "preset": "veryfast"}
-_JPEG_QUALITY = 95  # of a picture of the film: it is not to lose twice
 
 
 def film_info(height: int, width: int, fps: int) -> dict[str, Any]:
@@ -28,15 +24,15 @@ def film_info(height: int, width: int, fps: int) -> dict[str, Any]:
 def write_film(path: Path, pictures: Sequence[bytes], fps: int) -> None:
     """Write JPEG pictures as a film of so many frames a second. Raises LogError without PyAV."""
     av = load_av()
-    shown = {jpeg: Image.open(io.BytesIO(jpeg)).convert("RGB") for jpeg in set(pictures)}
-    width, height = shown[pictures[0]].size
+    shown = {jpeg: pixels_of(jpeg) for jpeg in set(pictures)}
+    height, width, _ = shown[pictures[0]].shape
     with av.open(str(path), "w") as film:
         stream = film.add_stream("libx264", rate=fps, options=_OPTIONS)
         stream.width, stream.height = width, height
         stream.pix_fmt = film_info(height, width, fps)["video.pix_fmt"]
         stream.codec_context.thread_count = 1
         for number, jpeg in enumerate(pictures):
-            frame = av.VideoFrame.from_image(shown[jpeg])
+            frame = av.VideoFrame.from_ndarray(shown[jpeg], format="rgb24")
             frame.pts, frame.time_base = number, Fraction(1, fps)
             film.mux(stream.encode(frame))
         film.mux(stream.encode(None))
@@ -44,10 +40,5 @@ def write_film(path: Path, pictures: Sequence[bytes], fps: int) -> None:
 
 def film_pictures(path: Path) -> list[bytes]:
     """Return the pictures of a film as JPEG. Raises LogError without PyAV."""
-    found = []
     with load_av().open(str(path)) as film:
-        for frame in film.decode(video=0):
-            file = io.BytesIO()
-            frame.to_image().save(file, "JPEG", quality=_JPEG_QUALITY)
-            found.append(file.getvalue())
-    return found
+        return [jpeg_of(frame.to_image()) for frame in film.decode(video=0)]

@@ -4,7 +4,6 @@ A frame is at the last tick of its interval: what it observes was known when it 
 describes all features.
 """
 
-import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from hal.base.record import Field
 from hal.state import ARM_STATE_FIELDS
@@ -21,6 +19,7 @@ from hal.topic import Topic
 from rtstack.datasets.episode import Episode, Pictures, continuous, field_attributes, quaternions_of
 from rtstack.datasets.export import Format
 from rtstack.log.errors import LogError
+from rtstack.log.video import pixels_of
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
 
@@ -78,7 +77,7 @@ class FrameFormat(Format):
             jpeg = [pictures.jpeg[k] for k in at]
             arrays[name] = np.frombuffer(b"".join(jpeg), np.uint8)
             arrays[name + _ENDS] = np.cumsum([len(each) for each in jpeg])
-            shape = list(decoded(jpeg[0]).shape)
+            shape = list(pixels_of(jpeg[0]).shape)
             about[name] = {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
             text = {"unit": "ns", "description": "When the picture was taken, of the robot's time."}
             times = Feature(np.array(pictures.t_ns, np.int64)[at], ("t_ns",), text)
@@ -107,11 +106,6 @@ def written(paths: Sequence[Path]) -> Iterator[tuple[dict[str, Any], dict[str, A
             parts = np.split(values[name], values.pop(name + _ENDS)[:-1])
             values[name] = [each.tobytes() for each in parts]
         yield said, values
-
-
-def decoded(jpeg: bytes) -> NDArray[np.uint8]:
-    """Return a picture, (rows, columns, 3), RGB."""
-    return np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
 
 
 def pictures_at(episode: Episode, pictures: Pictures, count: int, fps: int) -> NDArray[np.intp]:

@@ -29,8 +29,6 @@ _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
 class Hdf5(Format):
-    """One HDF5 file."""
-
     needs = ("h5py",)
     settings = "hdf5"
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rtstack.datasets.episode import Episode
 from rtstack.datasets.film import film_info, write_film
-from rtstack.datasets.frames import IMAGES, FrameFormat, decoded, span_of, written
-from rtstack.log.video import load_av
+from rtstack.datasets.frames import IMAGES, FrameFormat, span_of, written
+from rtstack.log.video import load_av, pixels_of
 from rtstack.topics import CLOCK_TOPIC, EVENT_TOPIC
 
 VERSION = "v3.0"
@@ -147,7 +147,7 @@ def _dictionaries(records: NDArray[Any]) -> list[dict[str, Any]]:
 
 def _pixels(jpeg: Sequence[bytes]) -> NDArray[np.float64]:
     """Return the pixels (n, 3, 1, 1), 0 to 1, that statistics are made of: some of some frames."""
-    some = [decoded(jpeg[k]) for k in np.unique(np.linspace(0, len(jpeg) - 1, _LOOKED_AT).astype(int))]
+    some = [pixels_of(jpeg[k]) for k in np.unique(np.linspace(0, len(jpeg) - 1, _LOOKED_AT).astype(int))]
     return np.concatenate([each[::_EVERY, ::_EVERY].reshape(-1, 3, 1, 1) for each in some]) / 255.0
 
 

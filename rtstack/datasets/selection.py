@@ -32,7 +32,6 @@ class Candidate:
     shape: frozenset[str] = frozenset()
 
     def without(self, why: str, wrong: bool = True) -> "Candidate":
-        """Return it, left out."""
         return replace(self, why=why, wrong=wrong)
 
 

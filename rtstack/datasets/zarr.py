@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rtstack.datasets.frames import IMAGES, FrameFormat, decoded, written
+from rtstack.datasets.frames import IMAGES, FrameFormat, written
+from rtstack.log.video import pixels_of
 
 _CHUNK = 100  # frames, 2 s at 50 Hz: a learner reads some ten at a time
 
@@ -31,7 +32,7 @@ class Zarr(FrameFormat):
             for name, feature in sorted(said["features"].items()):
                 values = found[name]
                 if name.startswith(IMAGES):
-                    shown = {jpeg: decoded(jpeg) for jpeg in set(values)}
+                    shown = {jpeg: pixels_of(jpeg) for jpeg in set(values)}
                     values = np.stack([shown[jpeg] for jpeg in values])
                 if name not in arrays:
                     shape, chunks = (0, *values.shape[1:]), (_CHUNK, *values.shape[1:])

@@ -54,5 +54,4 @@ def mode_bands(axis: Axes, t: Array, mode: NDArray[np.int64], shown: tuple[Mode,
 
 
 def mode_band(axis: Axes, start: float, end: float, mode: Mode) -> None:
-    """Shade the time in which a mode was on."""
     axis.axvspan(start, end, color=MODE_STYLES[mode].colour, alpha=BAND_ALPHA, linewidth=0, zorder=0)

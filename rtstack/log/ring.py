@@ -25,8 +25,6 @@ _CACHE_LINE = 64
 
 
 class LogState(IntEnum):
-    """What the log process is doing."""
-
     STARTING = 0
     READY = 1
     FAILED = 2
@@ -218,12 +216,10 @@ class Rings:
         return int(self._capacities.min())
 
     def lost(self, topic: str) -> int:
-        """Return how many records of a topic the log process has lost."""
         return int(self._topics["lost"][list(TOPICS).index(topic)])
 
     @property
     def state(self) -> LogState:
-        """State of the log process."""
         return LogState(int(self._control["state"][0]))
 
     @state.setter

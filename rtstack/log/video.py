@@ -9,13 +9,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from rtstack.log.errors import LogError
 
 BEGINS = (b"\0\0\1", b"\0\0\0\1")  # a part in Annex B, and no JPEG
 KEY_NS = 1_000_000_000  # from a key frame to the next one: what has to be decoded at most to see a picture
 _CRF = "20"  # libx264's constant quality; its own default of 23 is for films
-_JPEG_QUALITY = 95  # of a picture that was decoded: it is not to lose twice
+
+
+def pixels_of(jpeg: bytes) -> NDArray[np.uint8]:
+    """Return a picture, (rows, columns, 3), RGB."""
+    return np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
+
+
+def jpeg_of(picture: Image.Image, quality: int = 95) -> bytes:
+    """Return a picture as JPEG. By default of such a quality that one that was decoded does not lose twice."""
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=quality)
+    return file.getvalue()
 
 
 def load_av() -> Any:
@@ -68,6 +80,4 @@ class Decoder:
 
     def jpeg(self) -> bytes:
         """Return the picture that was taken last."""
-        file = io.BytesIO()
-        self._frames[-1].to_image().save(file, "JPEG", quality=_JPEG_QUALITY)
-        return file.getvalue()
+        return jpeg_of(self._frames[-1].to_image())

@@ -99,7 +99,6 @@ class LogProcess:
 
     @property
     def pid(self) -> int:
-        """Process id of the log process."""
         return self._process.pid
 
     @property

@@ -22,8 +22,6 @@ _VERSION = 2  # of the table: another one is thrown away and rebuilt
 
 
 class LogCondition(StrEnum):
-    """Whether a log can be read."""
-
     COMPLETE = "complete"
     TRUNCATED = "truncated"  # cut off, or still being written
     FOREIGN = "foreign"  # no log of ours

@@ -85,7 +85,7 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
     seed = _number(values.get("seed"))
     success = values.get("success") if isinstance(values.get("success"), bool) else None
     acceptance, remarks = _acceptance(entry), remarks_on(entry)
-    ending = _ending(success, values.get("impact_verdict"))
+    decision = None if acceptance is None else acceptance.verdict
     return LogRow(
         displacement_mm=_number(values.get("displacement_mm")), yaw_deg=_number(values.get("yaw_deg")),
         displacement_x_mm=_number(values.get("displacement_x_mm")), max_lift_mm=_number(values.get("max_lift_mm")),
@@ -93,13 +93,13 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         id=entry.id, name=entry.path.name, when=entry.modified_s, size_bytes=entry.size_bytes,
         kind="not ours" if entry.condition is LogCondition.FOREIGN else entry.kind,
         controller=_text(values.get("controller")), object=_text(values.get("object")),
-        seed=None if seed is None else int(seed), success=success, ending=ending,
+        seed=None if seed is None else int(seed), success=success,
+        ending=_ending(success, values.get("impact_verdict")),
         outcome=_outcome(entry, entry.path.name == being_written, success, values),
         verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
         note=remarks.note or (acceptance.note if acceptance is not None else "") or _text(values.get("note")),
-        recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, acceptance)),
-        title=acceptance.name if acceptance is not None else "",
-        decision=str(acceptance.verdict) if acceptance is not None else None,
+        recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, decision)),
+        title=acceptance.name if acceptance is not None else "", decision=None if decision is None else str(decision),
         law_inertia=(entry.trial or {}).get("law_inertia"), starred=remarks.starred, tags=remarks.tags,
         episode_verdict=remarks.verdict,
     )  # fmt: skip
@@ -119,13 +119,9 @@ def _acceptance(entry: LogEntry) -> Acceptance | None:
     return None
 
 
-def _may_be_followed(kind: str, acceptance: Acceptance | None) -> bool:
+def _may_be_followed(kind: str, verdict: AcceptanceState | None) -> bool:
     """A hand's recording once it was accepted, a scripted one until it is rejected."""
-    if acceptance is None:
-        return False
-    if kind == BY_HAND:
-        return acceptance.verdict is AcceptanceState.ACCEPTED
-    return acceptance.verdict is not AcceptanceState.REJECTED
+    return verdict is AcceptanceState.ACCEPTED or (kind != BY_HAND and verdict not in (None, AcceptanceState.REJECTED))
 
 
 def _is_plan(entry: LogEntry) -> bool:

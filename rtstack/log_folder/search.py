@@ -67,7 +67,6 @@ class Facts:
 
     @classmethod
     def of(cls, entry: LogEntry, row: LogRow) -> "Facts":
-        """Return what is known of a log, by its entry and its row."""
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
         pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6), (DATE, entry.recorded)]
         pairs += [*(asdict(row) | {"success": success_of(row)}).items(), *(("tag", tag) for tag in row.tags)]
@@ -114,7 +113,6 @@ class Condition:
 
     @property
     def is_range(self) -> bool:
-        """Whether it asks for a number in a range."""
         return self.sign not in ("", "=")
 
     def values(self, facts: Facts) -> list[Any]:
@@ -169,8 +167,6 @@ def parsed(query: str) -> list[Condition]:
 
 
 class SortKey(StrEnum):
-    """What the list can be sorted by."""
-
     WHEN = "when"
     NAME = "name"
     KIND = "kind"

@@ -335,10 +335,10 @@ def test_h264_is_a_log_of_one_picture_a_message_and_each_of_them_can_be_looked_a
     for k, t_ns in enumerate(times):
         picture = np.roll(ground, 3 * k, axis=1)
         draw_time(picture, t_ns)
-        made.append((t_ns, camera.message(t_ns, encoder.encode(t_ns, picture))))
+        made.append((t_ns, pictures.picture_message(camera.name, t_ns, encoder.encode(t_ns, picture), camera.video)))
     path = tmp_path / "log.mcap"
     with open(path, "wb") as file:
-        writer = McapWriter(file, camera.schemas())
+        writer = McapWriter(file, pictures.camera_schemas(camera.name, camera.video))
         writer.begin([("trial", {"kind": "trial"})], ())
         writer.write({"/left/arm": np.zeros(1, ARM_SAMPLE)}, {camera.topics[0]: made} | camera.about(0))
         writer.close()

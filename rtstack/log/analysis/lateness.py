@@ -32,8 +32,6 @@ _PROMPT_US = 500.0  # an answer that left within this after its state had half o
 
 
 class Blame(StrEnum):
-    """Whose lateness it was."""
-
     ROBOT = "ROBOT"
     WIRE = "WIRE"
     ROBOT_OR_WIRE = "ROBOT or WIRE"
@@ -149,10 +147,10 @@ class Lateness:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        worst = [asdict(cycle) for cycle in self.worst]
-        counts = {"cycles": self.cycles, "late": len(self.late), "stalls": len(self.stalls)}
-        return {**counts, "shares": self.shares, "causes": self.causes, "worst": worst, "line": self.line}
+        return {
+            "cycles": self.cycles, "late": len(self.late), "stalls": len(self.stalls), "shares": self.shares,
+            "causes": self.causes, "worst": [asdict(cycle) for cycle in self.worst], "line": self.line,
+        }  # fmt: skip
 
 
 def lateness_of(log: Log) -> Lateness | None:

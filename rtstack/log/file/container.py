@@ -60,7 +60,6 @@ class Section:
 
     @property
     def end(self) -> int:
-        """Where the next one begins."""
         return self.offset + self.size
 
 
@@ -74,7 +73,6 @@ class End:
 
     @property
     def summary(self) -> int:
-        """Where the summary begins."""
         return self.data + DATA_END_SIZE
 
 

@@ -18,19 +18,8 @@ from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, Metadat
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError, damaged
-from rtstack.log.file.container import (
-    LOOSE,
-    MAGIC,
-    NUMBERS,
-    RECORD_HEADER,
-    End,
-    Section,
-    chunk_at,
-    growth_max,
-    section_at,
-    section_data,
-    walk,
-)  # fmt: skip
+from rtstack.log.file import container
+from rtstack.log.file.container import LOOSE, MAGIC, NUMBERS, RECORD_HEADER, End, Section
 
 _SMALL_MAX = 16 << 20  # bytes of all metadata, and of all schemas and channels; those of our logs have some 100 kB
 ALWAYS = (0, (1 << 64) - 1)
@@ -70,8 +59,8 @@ class Contents:
 
         Raises LogError where it is damaged.
         """
-        data = section_data(file, part.section) if part.rest is None else part.rest
-        table, definitions, conflicts, end = walk(data, self.seen)
+        data = container.section_data(file, part.section) if part.rest is None else part.rest
+        table, definitions, conflicts, end = container.walk(data, self.seen)
         try:
             if part.rest is None and end != len(data):
                 raise ValueError("a chunk ends inside of a record")
@@ -84,7 +73,6 @@ class Contents:
         return data, table
 
     def define(self, data: bytes, place: int) -> None:
-        """Keep the schema or channel at this place."""
         length = int.from_bytes(data[place + 1 : place + RECORD_HEADER], "little")
         self.limit(Opcode.SCHEMA, length)
         body = ReadDataStream(BytesIO(data[place + RECORD_HEADER : place + RECORD_HEADER + length]))
@@ -165,7 +153,7 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
                 index = (AttachmentIndex if attached else MetadataIndex).read(body)
                 kind = Opcode.ATTACHMENT if attached else Opcode.METADATA
                 summary.known[index.offset] = kind, index.length, index.name
-        walk(content, summary.contents.seen)
+        container.walk(content, summary.contents.seen)
     except Exception as error:  # the library raises whatever half a record makes of it
         raise damaged(Path(file.name), end.summary, error) from error
     return summary
@@ -191,12 +179,12 @@ class _Survey:
     def __init__(self, file: BinaryIO, end: End, summary: Summary, trusts: bool) -> None:
         self._file, self._path, self._summary, self._trusts = file, Path(file.name), summary, trusts
         self.contents = summary.contents if trusts else Contents()
-        self._left = growth_max(file.seek(0, 2))
+        self._left = container.growth_max(file.seek(0, 2))
         self._kinds: dict[int, int] = {}  # of what an index may name, by offset
         offset = len(MAGIC)
         while offset < end.data:
             try:
-                section = section_at(file, offset, end.data)
+                section = container.section_at(file, offset, end.data)
                 self._add(section)
             except LogError:
                 raise
@@ -227,7 +215,7 @@ class _Survey:
 
     def _add_chunk(self, section: Section) -> None:
         """Add a chunk; where the summary is trusted, as that has it, without unpacking it."""
-        head = chunk_at(self._file, section, head=True)
+        head = container.chunk_at(self._file, section, head=True)
         self._left -= head.uncompressed_size
         if self._left < 0:
             raise LogError(f"{self._path} is not read: its chunks expand to far more than its size")

@@ -49,30 +49,25 @@ class TopicDecoder:
         Raises LogError for a message that is not of the topic's schema.
         """
         try:
-            return self._decode(data, t_ns, start, size)
+            records = np.zeros(len(t_ns), self._record)
+            rest = np.ones(len(t_ns), np.bool_)
+            if self._learns and len(t_ns):
+                # another version wrote these messages: the first one shows their format
+                message = self._message.FromString(data[start[0] : start[0] + size[0]])
+                fields = message.DESCRIPTOR.fields
+                counts = {each.name: len(getattr(message, each.name)) for each in fields if each.is_repeated}
+                self._wire, self._learns = wire_format_of(self._ours, message.DESCRIPTOR, counts), False
+            if self._wire is not None:
+                records, rest = self._decode_templates(self._wire, records, data, start, size)
+            fill = self._fill_sample if self._ours.is_ours else STANDARD[self._ours.schema].fill
+            for row in np.flatnonzero(rest).tolist():
+                fill(records[row : row + 1], self._message.FromString(data[start[row] : start[row] + size[row]]))
+            records["t_ns"] = t_ns
+            return records
         except LogError:
             raise
         except Exception as error:  # whatever the library and numpy make of another type
             raise LogError(f"a message of {self._topic} is broken: {error}") from error
-
-    def _decode(
-        self, data: bytes, t_ns: NDArray[np.int64], start: NDArray[np.int64], size: NDArray[np.int64]
-    ) -> NDArray[Any]:
-        records = np.zeros(len(t_ns), self._record)
-        rest = np.ones(len(t_ns), np.bool_)
-        if self._learns and len(t_ns):
-            # another version wrote these messages: the first one shows their format
-            message = self._message.FromString(data[start[0] : start[0] + size[0]])
-            descriptor = message.DESCRIPTOR
-            counts = {each.name: len(getattr(message, each.name)) for each in descriptor.fields if each.is_repeated}
-            self._wire, self._learns = wire_format_of(self._ours, descriptor, counts), False
-        if self._wire is not None:
-            records, rest = self._decode_templates(self._wire, records, data, start, size)
-        fill = self._fill_sample if self._ours.is_ours else STANDARD[self._ours.schema].fill
-        for row in np.flatnonzero(rest).tolist():
-            fill(records[row : row + 1], self._message.FromString(data[start[row] : start[row] + size[row]]))
-        records["t_ns"] = t_ns
-        return records
 
     def _decode_templates(
         self, wire: WireFormat, records: NDArray[Any], data: bytes, start: NDArray[np.int64], size: NDArray[np.int64]

@@ -95,7 +95,6 @@ class _Copy(Salvage):
         self._writer.start(header.profile, header.library)
 
     def keep_messages(self, data: bytes, table: NDArray[Any], part: Part) -> None:
-        """Copy the messages of a part."""
         for number, log_ns, start, size in table.tolist():
             sequence, publish_ns = MESSAGE.unpack_from(data, start - MESSAGE.size)[3::2]
             self._writer.add_message(self._channel(number), log_ns, data[start : start + size], publish_ns, sequence)
@@ -103,11 +102,9 @@ class _Copy(Salvage):
         self.messages += len(table)
 
     def keep_metadata(self, metadata: Metadata) -> None:
-        """Copy a metadata record."""
         self._writer.add_metadata(metadata.name, metadata.metadata)
 
     def keep_attachment(self, place: AttachmentIndex, data: bytes) -> None:
-        """Copy an attachment."""
         self._writer.add_attachment(place.create_time, place.log_time, place.name, place.media_type, data)
 
     def _channel(self, number: int) -> int:

@@ -63,15 +63,12 @@ class Salvage:
         self._report_lost()
 
     def keep_messages(self, data: bytes, table: NDArray[Any], part: Part) -> None:
-        """Take the messages of a part."""
         self.contents.add(part, table)
 
     def keep_metadata(self, metadata: Metadata) -> None:
-        """Take a metadata record."""
         self.contents.metadata[metadata.name] = metadata.metadata
 
     def keep_attachment(self, place: AttachmentIndex, data: bytes) -> None:
-        """Take an attachment."""
         self.contents.attachments.append(place)
 
     def _add_at(self, offset: int, following: int) -> int:
@@ -205,7 +202,6 @@ class Salvage:
         self._lost = section
 
     def _report_lost(self) -> None:
-        """Say in a line what was lost."""
         if (section := self._lost) is not None:
             name = self._summary.known.get(section.offset, (0, 0, ""))[2]
             line = f"{_NAMES.get(Opcode(section.opcode), 'records') if section.opcode else 'records'} {name}".strip()

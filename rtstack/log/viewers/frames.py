@@ -40,7 +40,6 @@ class CellFrames:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """The sides of the arms that are there."""
         return tuple(self.T_world_base)
 
 
@@ -135,7 +134,6 @@ class _Track:
     wxyz: Array
 
     def transforms(self, stamps: list[Timestamp]) -> list[FrameTransform]:
-        """Return the frame at each of the times."""
         n = len(stamps)
         positions, quaternions = (np.broadcast_to(a, (n, a.shape[-1])).tolist() for a in (self.position, self.wxyz))
         return [

@@ -45,25 +45,21 @@ class Solids:
         for t in instants.t_ns.tolist():
             if self._next_ns is None or t >= self._next_ns:
                 self._next_ns = (t // SOLIDS_PERIOD_NS + 1) * SOLIDS_PERIOD_NS
-                due.append((t, fox.SceneUpdate(entities=self._entities(stamp(t))).encode()))
+                now = stamp(t)
+                entities = [
+                    fox.SceneEntity(timestamp=now, frame_id=link, id=link, frame_locked=True, **_primitives(shapes))
+                    for link, shapes in self._shapes.items()
+                ]
+                due.append((t, fox.SceneUpdate(entities=entities).encode()))
         return due
-
-    def _entities(self, now: fox.Timestamp) -> list[fox.SceneEntity]:
-        return [
-            fox.SceneEntity(timestamp=now, frame_id=link, id=link, frame_locked=True, **_primitives(shapes))
-            for link, shapes in self._shapes.items()
-        ]
 
 
 def _primitives(shapes: list[Shape]) -> dict[str, Any]:
     found: dict[str, Any] = {name: [] for name, *_ in _SOLIDS.values()}
     for s in (each for each in shapes if each.kind in _SOLIDS):
         name, solid, more = _SOLIDS[s.kind]
-        place, colour = (
-            pose(s.position, from_rpy(np.array(s.rpy))),
-            fox.Color(**dict(zip("rgba", s.colour, strict=True))),
-        )
-        found[name].append(solid(pose=place, size=vector(s.size), color=colour, **more))
+        place, colour = pose(s.position, from_rpy(np.array(s.rpy))), dict(zip("rgba", s.colour, strict=True))
+        found[name].append(solid(pose=place, size=vector(s.size), color=fox.Color(**colour), **more))
     return found
 
 
@@ -82,12 +78,10 @@ def force_messages(cell: CellFrames, instants: Instants) -> tuple[list[tuple[int
         force = known.records["O_F_ext_hat_K"][:, :3] @ T[:3, :3].T
         for row, p, F in zip(known.rows.tolist(), face, force, strict=True):
             newton = math.hypot(*F)
-            shown = newton >= LEAST_N
-            arrows = [_arrow(side, p, F, newton)] if shown else []
-            entities[row].append(
-                fox.SceneEntity(timestamp=stamps[row], frame_id=WORLD, id=f"{side}_force", arrows=arrows)
-            )
-            points[row].append(_line(side, p, F) if shown else b"")
+            about = {"timestamp": stamps[row], "frame_id": WORLD, "id": f"{side}_force"}
+            arrows = [_arrow(side, p, F, newton)] if newton >= LEAST_N else []
+            entities[row].append(fox.SceneEntity(**about, arrows=arrows))
+            points[row].append(_line(side, p, F) if arrows else b"")
     times = instants.t_ns.tolist()
     arrows = [(t, fox.SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
     lines = [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
@@ -120,19 +114,12 @@ def colour_fields(offset: int) -> list[fox.PackedElementField]:
 
 
 def _cloud(now: fox.Timestamp, data: bytes) -> bytes:
-    kinds = fox.PackedElementFieldNumericType
-    fields = [
-        *(fox.PackedElementField(name=name, offset=4 * k, type=kinds.Float32) for k, name in enumerate("xyz")),
-        *colour_fields(12),
-    ]
+    kind = fox.PackedElementFieldNumericType.Float32
+    fields = [fox.PackedElementField(name=name, offset=4 * k, type=kind) for k, name in enumerate("xyz")]
     return fox.PointCloud(
-        timestamp=now,
-        frame_id=WORLD,
-        pose=pose((0.0, 0.0, 0.0)),
-        point_stride=_POINT.itemsize,
-        fields=fields,
-        data=data,
-    ).encode()
+        timestamp=now, frame_id=WORLD, pose=pose((0.0, 0.0, 0.0)), point_stride=_POINT.itemsize,
+        fields=fields + colour_fields(12), data=data,
+    ).encode()  # fmt: skip
 
 
 def pose(position: Iterable[float], wxyz: Iterable[float] = (1.0, 0.0, 0.0, 0.0)) -> fox.Pose:

@@ -10,11 +10,9 @@ from rtstack.log.viewers.instants import OBJECT
 
 # red, green, blue, alpha: what is squeezed lets the forces be seen
 COLOURS: dict[str, tuple[float, float, float, float]] = {
-    "arm": (0.88, 0.89, 0.91, 1.0),
-    "pad": (0.16, 0.17, 0.19, 1.0),
-    "table": (0.55, 0.50, 0.44, 1.0),
-    "object": (0.85, 0.65, 0.25, 0.45),
-}
+    "arm": (0.88, 0.89, 0.91, 1.0), "pad": (0.16, 0.17, 0.19, 1.0),
+    "table": (0.55, 0.50, 0.44, 1.0), "object": (0.85, 0.65, 0.25, 0.45),
+}  # fmt: skip
 _NONE = (0.0, 0.0, 0.0)
 
 
@@ -45,7 +43,6 @@ def shapes_of(cell: CellFrames) -> list[Shape]:
 
 
 def shapes_in(urdf: str) -> list[Shape]:
-    """Return the solids of an arm's URDF."""
     shapes = []
     for link in ElementTree.fromstring(urdf).findall("link"):
         for visual in link.findall("visual"):

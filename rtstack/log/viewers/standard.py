@@ -39,12 +39,9 @@ def _fill_pose(sample: NDArray[Any], message: Any) -> None:
 
 
 def _encode_event(sample: np.void, _frame: str) -> bytes:
-    return Log(
-        timestamp=stamp(int(sample["t_ns"])),
-        level=_LEVELS.get(int(sample["level"]), LogLevel.Unknown),
-        name=bytes(sample["name"]).decode("utf-8", "replace"),
-        message=bytes(sample["text"]).decode("utf-8", "replace"),
-    ).encode()
+    name, text = (bytes(sample[field]).decode("utf-8", "replace") for field in ("name", "text"))
+    level = _LEVELS.get(int(sample["level"]), LogLevel.Unknown)
+    return Log(timestamp=stamp(int(sample["t_ns"])), level=level, name=name, message=text).encode()
 
 
 def _fill_event(sample: NDArray[Any], message: Any) -> None:

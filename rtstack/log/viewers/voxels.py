@@ -37,8 +37,9 @@ def voxel_messages(shapes: list[Shape], t_ns: int) -> dict[str, bytes]:
 def _grid(body: str, solids: tuple[Shape, ...], t_ns: int) -> bytes:
     if len(solids) == 1 and solids[0].kind == "box":
         (box,) = solids
-        # exact: a single voxel
-        where, size, filled = _placed(box), np.array(box.size), np.ones((1, 1, 1), bool)
+        # exact: a single voxel, counted from the box's lowest corner
+        wxyz, size, filled = from_rpy(np.array(box.rpy)), np.array(box.size), np.ones((1, 1, 1), bool)
+        where = pose(np.array(box.position) - 0.5 * rotation_of(wxyz) @ size, wxyz)
     else:
         where, size, filled = _filled(solids)
     rows = filled.shape  # slices along z, rows along y, columns along x
@@ -49,13 +50,6 @@ def _grid(body: str, solids: tuple[Shape, ...], t_ns: int) -> bytes:
         cell_size=vector(size), slice_stride=4 * rows[1] * rows[2], row_stride=4 * rows[2], cell_stride=4,
         fields=colour_fields(0), data=data.tobytes(),
     ).encode()  # fmt: skip
-
-
-def _placed(box: Shape) -> Pose:
-    """Pose of a box's lowest corner, from which a grid counts."""
-    wxyz = from_rpy(np.array(box.rpy))
-    corner = np.array(box.position) - 0.5 * rotation_of(wxyz) @ np.array(box.size)
-    return pose(corner, wxyz)
 
 
 def _filled(solids: tuple[Shape, ...]) -> tuple[Pose, Array, NDArray[np.bool_]]:

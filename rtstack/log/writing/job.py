@@ -21,8 +21,6 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class LogJob:
-    """One log to write."""
-
     rings: str
     metadata: tuple[tuple[str, dict[str, str]], ...]
     attachments: tuple[Attachment, ...]

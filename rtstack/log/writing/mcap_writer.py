@@ -4,6 +4,7 @@ import json
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, BinaryIO
 
 import foxglove
@@ -16,6 +17,7 @@ from rtstack.log.viewers.scenery import Messages, Scenery, scenery_schemas
 from rtstack.log.viewers.standard import STANDARD
 from rtstack.log.writing.encoding import sample_descriptors, wire_format
 from rtstack.log.writing.job import Attachment, Evidence, LogJob, texts
+from rtstack.log.writing.pictures import camera_schemas
 from rtstack.samples import ARM_SAMPLE, SIDES
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC, TOPICS
 
@@ -85,7 +87,9 @@ class McapWriter:
     @classmethod
     def of_job(cls, file: BinaryIO, job: LogJob, times: NDArray[np.void]) -> "McapWriter":
         """Begin the file of a job. times: the run's."""
-        pictures = {topic: each for camera in job.cameras for topic, each in camera.schemas().items()}
+        pictures: dict[str, foxglove.Schema] = {}
+        for camera in job.cameras:
+            pictures |= camera_schemas(camera.name, camera.video)
         writer = cls(file, pictures, Scenery(job.cell) if job.cell else None, times)
         writer.begin(job.metadata, job.attachments)
         return writer
@@ -103,11 +107,8 @@ class McapWriter:
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment. Its log time is 0: it belongs to the whole run."""
-        self._guard(
-            lambda: self._writer.attach(
-                log_time=0, create_time=time.time_ns(), name=name, media_type=media_type, data=data
-            )
-        )
+        about = {"name": name, "media_type": media_type, "data": data}
+        self._guard(partial(self._writer.attach, log_time=0, create_time=time.time_ns(), **about))
 
     def write(self, batches: dict[str, NDArray], made: Messages | None = None) -> None:
         """Write records of all topics and the messages that were made from them, in order of robot's time.
@@ -164,7 +165,6 @@ class McapWriter:
         self._dirty = False
 
     def close(self) -> None:
-        """Write the summary and finish the file."""
         self._guard(self._writer.close)
 
     def finish(self, result: Mapping[str, Any], ended: str, evidence: Evidence | None, lost: Mapping[str, int]) -> None:
@@ -194,7 +194,6 @@ class McapWriter:
 
 
 def topic_schemas() -> dict[str, foxglove.Schema]:
-    """Return the schema of every topic of a log."""
     of_records = {}
     for name, topic in TOPICS.items():
         schema = topic.message.schema
@@ -204,7 +203,6 @@ def topic_schemas() -> dict[str, foxglove.Schema]:
 
 
 def encoded(topic: str, records: NDArray) -> list[bytes]:
-    """Return one message a record."""
     message = TOPICS[topic].message
     if message.is_ours:
         return wire_format(message.name).encode(records)

@@ -65,11 +65,9 @@ class PictureRing:
 
     @property
     def ready(self) -> bool:
-        """Whether the camera is open."""
         return bool(self._head["ready"][0])
 
     def opened(self) -> None:
-        """Say that the camera is open."""
         self._head["ready"][0] = 1
 
     @property
@@ -158,34 +156,21 @@ class LoggedCamera:
         """Its pictures, its calibration and its frame."""
         return camera_topics(self.name)
 
-    @property
-    def frame(self) -> str:
-        """The frame of its pictures."""
-        return f"camera_{self.name}"
-
-    def schemas(self) -> dict[str, foxglove.Schema]:
-        """Return the schema of each of its topics."""
-        return camera_schemas(self.name, self.video)
-
     def about(self, t_ns: int) -> dict[str, list[tuple[int, bytes]]]:
         """Return its calibration and its frame."""
         _, calibration, frame = self.topics
-        k, (x, y, z, qw, qx, qy, qz) = self.K, self.pose
+        name, k, (x, y, z, qw, qx, qy, qz) = f"camera_{self.name}", self.K, self.pose
         said = fox.CameraCalibration(
-            timestamp=stamp(t_ns), frame_id=self.frame, width=self.width, height=self.height,
+            timestamp=stamp(t_ns), frame_id=name, width=self.width, height=self.height,
             distortion_model="plumb_bob" if self.D else "", D=list(self.D), K=list(k),
             R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             P=[k[0], k[1], k[2], 0.0, k[3], k[4], k[5], 0.0, k[6], k[7], k[8], 0.0],
         )  # fmt: skip
         place = fox.FrameTransform(
-            timestamp=stamp(t_ns), parent_frame_id=WORLD, child_frame_id=self.frame,
+            timestamp=stamp(t_ns), parent_frame_id=WORLD, child_frame_id=name,
             translation=fox.Vector3(x=x, y=y, z=z), rotation=fox.Quaternion(x=qx, y=qy, z=qz, w=qw),
         )  # fmt: skip
         return {calibration: [(t_ns, said.encode())], frame: [(t_ns, fox.FrameTransforms(transforms=[place]).encode())]}
-
-    def message(self, t_ns: int, picture: bytes) -> bytes:
-        """Return a picture's message."""
-        return picture_message(self.name, t_ns, picture, self.video)
 
 
 class PictureDrain:
@@ -218,7 +203,9 @@ class PictureDrain:
                 if camera.name not in self._known:
                     self._known.add(camera.name)
                     made |= camera.about(pictures[0][0])
-                made[camera.topics[0]] = [(t_ns, camera.message(t_ns, picture)) for t_ns, picture in pictures]
+                made[camera.topics[0]] = [
+                    (t_ns, picture_message(camera.name, t_ns, picture, camera.video)) for t_ns, picture in pictures
+                ]
             if pictures:
                 self._last_ns[camera.name] = pictures[-1][0]
             late = newest_ns - self._last_ns.get(camera.name, 0) > STALL_S * 1e9
@@ -248,10 +235,8 @@ class PictureDrain:
 
     @property
     def lost(self) -> dict[str, int]:
-        """How many pictures found no room, by topic."""
         return {camera.topics[0]: ring.lost for camera, ring in self._cameras}
 
     def close(self) -> None:
-        """Let go of the rings."""
         for _, ring in self._cameras:
             ring.close()

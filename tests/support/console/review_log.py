@@ -8,7 +8,7 @@ from PIL import Image
 
 from rtstack.cameras.source import draw_time
 from rtstack.log.writing.mcap_writer import McapWriter
-from rtstack.log.writing.pictures import LoggedCamera
+from rtstack.log.writing.pictures import LoggedCamera, camera_schemas, picture_message
 from rtstack.samples import SIDES
 from rtstack.topics import TOPICS
 from tests.support.drawn_time import read_time
@@ -48,7 +48,9 @@ def write_log(path, trial, result=None, spike=80.0, complete=True, pictures=(), 
     """
     no_arm = tuple(f"/{side}/" for side in SIDES if side not in sides)
     with open(path, "wb") as file:
-        schemas = {topic: each for camera, _ in pictures for topic, each in camera.schemas().items()}
+        schemas = {
+            topic: each for camera, _ in pictures for topic, each in camera_schemas(camera.name, camera.video).items()
+        }
         writer = McapWriter(file, schemas)
         writer.write_metadata("trial", trial)
         writer.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
@@ -59,7 +61,10 @@ def write_log(path, trial, result=None, spike=80.0, complete=True, pictures=(), 
         batches[f"/{sides[0]}/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
         batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
         batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
-        made = {camera.topics[0]: [(t, camera.message(t, data)) for t, data in shown] for camera, shown in pictures}
+        made = {
+            camera.topics[0]: [(t, picture_message(camera.name, t, data, camera.video)) for t, data in shown]
+            for camera, shown in pictures
+        }
         writer.write(batches, made)
         if not complete:
             writer.flush()

@@ -2,6 +2,7 @@
 
 from rtstack.log.reader import read_log
 from rtstack.log.writing.mcap_writer import McapWriter
+from rtstack.log.writing.pictures import camera_schemas, picture_message
 from rtstack.topics import TOPICS
 from tests.support.console.review_log import MS, stamped_pictures
 
@@ -12,9 +13,9 @@ def write_seen_log(source, target, count=12):
     ((camera, shown),) = stamped_pictures({"front": 33})
     shown = [(log.start_ns + t_ns + 5 * MS, jpeg) for t_ns, jpeg in shown[:count]]
     with open(target, "wb") as file:
-        writer = McapWriter(file, camera.schemas())
+        writer = McapWriter(file, camera_schemas(camera.name))
         writer.begin([("trial", log.metadata["trial"])], log.attachments)
-        images = {camera.topics[0]: [(t_ns, camera.message(t_ns, jpeg)) for t_ns, jpeg in shown]}
+        images = {camera.topics[0]: [(t_ns, picture_message(camera.name, t_ns, jpeg)) for t_ns, jpeg in shown]}
         writer.write({topic: log.topic(topic) for topic in TOPICS}, images | camera.about(log.start_ns))
         writer.write_metadata("result", log.metadata.get("result", {"success": "true"}))
         writer.close()
