@@ -1,8 +1,5 @@
-"""A soft hold of one arm under its judge, and the judgement whether it stays: a robot that does not carry its own
-weight is found here.
-
-With no torque at all such an arm falls or rises, at 2.9 rad/s on another author's robot.
-"""
+"""A soft hold of one arm under its judge, which finds a robot that does not carry its own weight: such an arm falls or
+rises, at 2.9 rad/s on another author's robot."""
 
 import numpy as np
 from numpy.typing import NDArray

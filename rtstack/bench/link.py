@@ -1,8 +1,6 @@
 """The link to the arms: how long a state takes to its answer and an answer to its state, and how many come in time.
 
-The arms are held softly where they are, under their judges (`bench/hold.py`): a robot should carry its own weight, and
-is not believed.
-"""
+The arms are held softly where they are, under their judges (`bench/hold.py`)."""
 
 import time
 from collections.abc import Sequence
@@ -102,7 +100,6 @@ class LinkBenchmark:
         return "pass" if worst >= GOOD_SUCCESS else "warn" if worst >= ENOUGH_SUCCESS else "fail"
 
     def as_dict(self) -> dict[str, object]:
-        """Return the figures for JSON."""
         lateness = None if self.lateness is None else self.lateness.as_dict()
         return {**asdict(replace(self, lateness=None)), "lateness": lateness, "verdict": self.verdict}
 
@@ -112,10 +109,8 @@ def bench_link(
 ) -> LinkBenchmark:
     """Hold the arms for `ticks` ms, and stop them. They may be anywhere: the judges look at no box.
 
-    record: the npz file to write, with the samples of each arm by its side, whatever came out. Raises ArmMoved where
-    one does not stay and HoldEnded where `stop` was asked for, with the arms stopped, and
-    HardwareError when the link breaks.
-    """
+    record: an npz file for the samples by side, whatever came out. Raises ArmMoved, HoldEnded where `stop` was asked
+    for, with the arms stopped, and HardwareError when the link breaks."""
     holds = _holds(description, ticks)
     try:
         with realtime_thread() if cell.own_clocks else nullcontext() as obtained:

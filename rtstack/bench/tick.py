@@ -49,7 +49,6 @@ class _Pair:
         self._phase = rng.uniform(0.0, 2 * np.pi, (2, 7))
 
     def pose(self, k: int, constrain: bool) -> None:
-        """Set the state and the reference of tick k."""
         self._now_ns += 1_000_000  # of a clock that never goes back: the judge would stop
         for a, arm in enumerate(self.arms):
             t = 1e-3 * k
@@ -88,12 +87,10 @@ class _Pair:
         return time.perf_counter_ns() - began, worst
 
     def watch(self) -> None:
-        """Let the monitor see both arms."""
         for side in range(2):
             self.controller.watch(side, self._now_ns)
 
     def choose(self) -> None:
-        """Make the references of this tick the setpoints of both arms."""
         for arm in self.arms:
             arm.choose(0, self.controller.machine)
 
@@ -149,7 +146,6 @@ def _percentile(values: Array, share: float) -> float:
 
 
 def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
-    """Time the parts of both arms' tick, each by itself."""
     arms = pair.arms
     parts: dict[str, list[int]] = {"model": [], "observe": [], "monitor": [], "command": [], "judge": []}
     for k in range(ticks):

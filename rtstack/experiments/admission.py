@@ -1,17 +1,16 @@
 """Which workers of a scheduler get trials: those that have our version. The others are refused, with the reason.
 
-A trial asks for a resource that is named after the version, and a worker has it once it has shown that it is of this
-version: the scheduler itself gives no trial to any other, whenever it joins.
-"""
+A trial asks for a resource that is named after the version, which a worker has once it has shown its own."""
 
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from distributed import Client, Status, Worker
 
-from rtstack.experiments.version import Version, present
+from rtstack.experiments.version import present
 
 PERIOD_S = 0.5  # between two looks for workers that have joined
 
@@ -25,6 +24,7 @@ class Admission:
         self.refused: dict[str, str] = {}
         self._client = client
         self._version = present()
+        self._ticket = f"rtstack-{self._version.digest}"
         self._known: set[str] = set()
         self._closed = threading.Event()
         self._look()
@@ -38,7 +38,7 @@ class Admission:
     @property
     def ticket(self) -> dict[str, float]:
         """What a trial asks for."""
-        return {_ticket(self._version): 1.0}
+        return {self._ticket: 1.0}
 
     def close(self) -> None:
         """Look no more. Does not wait for a worker that does not answer."""
@@ -46,11 +46,9 @@ class Admission:
 
     def _watch(self) -> None:
         while not self._closed.wait(PERIOD_S):
-            try:
+            with suppress(Exception):  # the scheduler has gone, or the client is closed: the runner's trials tell it
                 for line in self._look():
                     _say(line)
-            except Exception:  # the scheduler has gone, or the client is being closed: the runner is told by its trials
-                continue
 
     def _look(self) -> list[str]:
         """Admit or refuse who is new; return the new refusals."""
@@ -78,17 +76,13 @@ class Admission:
         if different is not None:
             return f"the worker at {address} has {different}: it gets no trials"
         self.refused.pop(address, None)
-        self.slots += self._ask(address, _give_ticket, _ticket(self._version))
+        self.slots += self._ask(address, _give_ticket, self._ticket)
         return ""
 
     def _ask(self, address: str, function: Callable[..., Any], *arguments: str) -> Any:
         """Have a worker call a function of ours, and return what it says. Raises whatever goes wrong there."""
         answers: Any = self._client.run(function, *arguments, workers=[address])  # no coroutine in this client
         return answers[address]
-
-
-def _ticket(version: Version) -> str:
-    return f"rtstack-{version.digest}"
 
 
 async def _give_ticket(ticket: str, dask_worker: Worker) -> int:

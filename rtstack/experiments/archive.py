@@ -1,7 +1,4 @@
-"""Where a campaign's recordings and logs are kept: a folder that all workers see, or an address that fsspec knows.
-
-An object store takes a file as a whole, and a folder gets it under its name once it is complete: there are no halves.
-"""
+"""Where a campaign's recordings and logs are kept: a folder that all workers see, or an address that fsspec knows."""
 
 import atexit
 import contextlib
@@ -23,8 +20,7 @@ S3 = "s3://"
 
 @dataclass(frozen=True, slots=True)
 class Archive:
-    """place: an absolute path, the same on every machine, or s3://BUCKET/PREFIX and the like. Names have a slash at
-    most: references/NAME, logs/NAME."""
+    """place: an absolute path, the same on every machine, or s3://BUCKET/PREFIX. Names: references/NAME, logs/NAME."""
 
     place: str
 
@@ -75,9 +71,6 @@ class Archive:
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in `references` or `logs`, as they are now."""
-        if not self.distant:
-            where = Path(self.place) / folder
-            return {path.name for path in where.iterdir()} if where.is_dir() else set()
         files, root = _files(self.place)
         files.invalidate_cache()
         try:
@@ -88,9 +81,6 @@ class Archive:
 
     def remove(self, name: str) -> None:
         """Remove a file that may not be there."""
-        if not self.distant:
-            (Path(self.place) / name).unlink(missing_ok=True)
-            return
         files, root = _files(self.place)
         with contextlib.suppress(FileNotFoundError):
             files.rm_file(f"{root}/{name}")

@@ -62,9 +62,7 @@ class Attempt:
 def aborted(reason: str | None) -> bool:
     """Return whether a run ended for a reason that counts for no controller. reason: why it failed, None for success.
 
-    A reflex of the robot is what the controller has led it to, and counts; a lost link does not, nor what happens on
-    the way to the start.
-    """
+    A reflex is what the controller has led the robot to, and counts; a lost link and the way to the start do not."""
     return ON_THE_WAY in str(reason) or (End.in_reason(reason) in ABORTS and not reflex(reason))
 
 
@@ -107,11 +105,9 @@ def figures(attempts: Sequence[Attempt], drift: Sequence[str]) -> list[Figure]:
 
 
 def _outcomes(attempts: Iterable[Attempt]) -> Table:
-    counted = Counter((each.kind, each.counts, each.failed or "") for each in attempts)
-    lines = [
-        (kind, "yes" if counts else "no", reason or "-", str(number))
-        for (kind, counts, reason), number in sorted(counted.items(), key=lambda item: (item[0][0], -item[1]))
-    ]
+    counted = Counter((each.kind, "yes" if each.counts else "no", each.failed or "-") for each in attempts)
+    ordered = sorted(counted.items(), key=lambda item: (item[0][0], -item[1]))
+    lines = [(*key, str(number)) for key, number in ordered]
     return Table("Attempts on the arms", ("what", "has a row", "why it failed", "number"), lines, numbers_from=3)
 
 

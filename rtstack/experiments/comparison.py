@@ -17,10 +17,11 @@ from rtstack.trials.errors import TrialError
 
 @dataclass(frozen=True, slots=True)
 class ColumnDifference:
-    """A column that is not the same in all common rows. differing: in how many rows; one_sided: in how many only one of
-    both has a value. means: of both, and the differences (second minus first) with their 95 % interval and largest
-    absolute value, of the rows in which both are numbers; None where there is no such row.
-    """
+    """A column that is not the same in all common rows. differing: in how many; one_sided: in how many only one has a
+    value.
+
+    means: of both; difference: second minus first with its 95 % interval; largest: absolute; of rows with both
+    numbers."""
 
     name: str
     differing: int
@@ -43,9 +44,8 @@ class ClaimPair:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What `compare` finds. common: ids of the rows that both have; only: how many one of both has alone; equal: number
-    of columns that are the same in all common rows.
-    """
+    """common: ids of the rows that both have; only: how many one has alone; equal: number of columns without a
+    difference."""
 
     common: Sequence[str]
     only: tuple[int, int]
@@ -120,7 +120,6 @@ def _numbers(each: ColumnDifference) -> tuple[str, str, str, str]:
 
 
 def _claims(first: Path, second: Path) -> list[ClaimPair]:
-    """Return the claims of both reports; none where one of the campaigns has no report yet."""
     if not all((folder / NUMBERS).exists() for folder in (first, second)):
         return []
     ours, theirs = (dict(_outcomes(folder / NUMBERS)) for folder in (first, second))

@@ -29,9 +29,7 @@ def mean_table(title: str, rows: Sequence[Row], by: Sequence[str], columns: Mapp
 
 
 def mean_figure(file: str, caption: str, rows: Sequence[Row], x: str, series: str, column: str, label: str) -> Figure:
-    """Return a figure of the mean of `column`, with 95 % intervals, over the values of `x`, a line for each of
-    `series`.
-    """
+    """Return a figure of the mean of `column` over `x`, with 95 % intervals, a line for each of `series`."""
 
     @mpl.rc_context(STYLE)
     def draw(path: Path) -> None:

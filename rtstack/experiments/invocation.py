@@ -74,7 +74,6 @@ def invoke(
 
 
 def _beside_simulation(report: Report, experiment: Experiment[Any, Any], client: Client) -> Report:
-    """Return the report of a campaign on arms with its simulated run beside it, which is made or gone on with."""
     out = experiment.request.out / BESIDE
     simulated = type(experiment)(experiment.specification, replace(experiment.request, cell=DIRECT, out=out))
     for name in experiment.made:  # the simulated cases follow the same references
@@ -85,9 +84,7 @@ def _beside_simulation(report: Report, experiment: Experiment[Any, Any], client:
 
 
 class Preliminary:
-    """Figures and claims of a campaign that is not finished: called after each result that was kept, it draws where the
-    last drawing is some time ago.
-    """
+    """Draws figures and claims of a campaign that goes on: called after each result, it draws now and then."""
 
     def __init__(self, experiment: Experiment[Any, Any], store: Store) -> None:
         self._experiment = experiment

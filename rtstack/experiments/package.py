@@ -1,7 +1,4 @@
-"""A campaign's folder as a data set to publish: what its columns are, and the checksum of every file.
-
-datapackage.json is a Frictionless Data Package, which readers in many languages check; SHA256SUMS is for `sha256sum`.
-"""
+"""A campaign's folder as a data set to publish: datapackage.json (a Frictionless Data Package) and SHA256SUMS."""
 
 import csv
 import hashlib
@@ -27,9 +24,7 @@ _WORDS = {RESULTS: "a line a case", TIMES: "what the host made of each case", AT
 def pack(folder: Path, progress: Callable[[float], None] | None = None) -> Path:
     """Write README.md, datapackage.json and SHA256SUMS into a campaign's folder. Returns the last one's path.
 
-    progress: called with the share of the files whose checksum is known. Raises TrialError with one line where the
-    folder is no campaign's or has no report yet.
-    """
+    progress: called with the share of checksums done. Raises TrialError for a folder without a campaign or report."""
     with campaign_database(folder) as connection:
         if not (folder / PAGE).exists():
             raise TrialError(f"{folder} has no report yet: run its campaign to the end with --resume")
@@ -63,7 +58,6 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _schema(path: Path) -> list[dict[str, str]]:
-    """Return name, type and unit of each column of a CSV file."""
     with open(path, newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
         seen: dict[str, set[str]] = {name: set() for name in reader.fieldnames or ()}

@@ -37,8 +37,7 @@ def plan_file_at(path: Path) -> PlanFile:
 def digest_of(specification: Any, further: Iterable[Path] = (), also: object = None) -> str:
     """Return the digest (16 hexadecimal digits) of a specification, a dataclass, and of further files' contents.
 
-    also: whatever else results depend on, a value that says all of itself when printed.
-    """
+    also: whatever else results depend on, by its repr."""
     values = asdict(specification) | {"digest": ""}  # as plans had it when they knew their digest: old folders go on
     for name in ("kind", *UNDIGESTED):
         values.pop(name, None)

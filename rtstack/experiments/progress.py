@@ -1,6 +1,4 @@
-"""How far a campaign is: on stderr, a bar where a person looks at it and a line now and then where it is a file; and in
-progress.json in its folder, for programs.
-"""
+"""How far a campaign is: on stderr, a bar in a terminal and lines in a file; and in its folder's progress.json."""
 
 import json
 import sys
@@ -21,9 +19,7 @@ FILE_S = 0.5  # between two writes of the file, but for the beginning and the en
 
 
 class Progress:
-    """Counts what is done, and how fast the robot's time goes. out: the campaign's folder, which exists; told: called
-    with what a person is told.
-    """
+    """Counts what is done, and the robot's time. out: the campaign's folder; told: called with what a person reads."""
 
     def __init__(self, out: Path, bar: Bar | None = None, told: Callable[[str], None] = lambda text: None) -> None:
         self._file = out / PROGRESS
@@ -81,7 +77,6 @@ class Progress:
         self._write()
 
     def close(self) -> None:
-        """Bring the file to what it is now."""
         if self._label:
             self._write()
 
@@ -95,7 +90,6 @@ class Progress:
         print(f"{self._label}: {done} of {self._total} {self._pace()}".rstrip(), file=sys.stderr, flush=True)
 
     def _write(self) -> None:
-        """Replace the file by a whole one."""
         self._written_s = time.monotonic()
         values = {"stage": self._label, "done": self._done, "failed": self._failed, "total": self._total}
         values |= {key: text for key, text in (("says", self._told), ("next", self._next)) if text}

@@ -115,7 +115,6 @@ def write_report(
     placed: set[str] = set()
 
     def figure(file: str) -> Markup:
-        """Return a figure as HTML that holds its picture."""
         placed.add(file)
         data = base64.b64encode((out / FIGURES / file).read_bytes()).decode()
         text = html.escape(captions[file])

@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import Any, cast
 
 from distributed import Client, Future, as_completed
 
@@ -52,13 +53,10 @@ class Runner:
 
     def run(self) -> None:
         """Prepare, run, keep. Raises TrialError where the cases cannot be run."""
-        stages = self._experiment.stages()
-        try:
-            stage = next(stages)
+        stages, failed = self._experiment.stages(), cast("dict[str, str]", None)  # a generator begins with None
+        with suppress(StopIteration):
             while True:
-                stage = stages.send(self._prepare(stage))
-        except StopIteration:
-            pass
+                failed = self._prepare(stages.send(failed))
         began_s = time.perf_counter()
         done = {row["id"] for row in self._store.rows()}
         self._progress.begin(self._experiment.unit, len(done), self._experiment.size())
@@ -70,9 +68,7 @@ class Runner:
         self._experiment.tidy()
 
     def _prepare(self, stage: Stage) -> dict[str, str]:
-        """Have all tasks of a stage done. Returns which of them failed, and why. Raises TrialError where a worker
-        broke.
-        """
+        """Do all tasks of a stage. Returns which of them failed, and why. Raises TrialError where a worker broke."""
         if not stage.tasks:
             return {}
         self._progress.begin(stage.label, 0, len(stage.tasks))
@@ -91,12 +87,13 @@ class Runner:
 
     def _adopt(self, cases: list[Case]) -> set[str]:
         """Take rows of cases that were run, and logged, before the program was killed. Returns their ids."""
-        found = set()
-        for row in self._experiment.adopt(cases):
-            self._store.add(row)
-            self._progress.advance()
-            found.add(row["id"])
-        return found
+        return {self._keep(row) for row in self._experiment.adopt(cases)}
+
+    def _keep(self, row: Row) -> str:
+        """Keep a row that a log has. Returns its case's id."""
+        self._store.add(row)
+        self._progress.advance()
+        return row["id"]
 
     def _run(self, cases: list[Case], began_s: float) -> None:
         experiment, tally = self._experiment, self.tally
@@ -154,6 +151,5 @@ def _words(task: Task) -> str:
 
 
 def _reason_of(future: Future) -> str:
-    """Return in one line why a future has no result."""
     error = future.exception() if future.status == "error" else None
     return " ".join(f"{type(error).__name__}: {error}".split()) if error is not None else str(future.status)

@@ -82,7 +82,6 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Let go of the folder."""
         self._database.close()
         self._lock.close()
 
@@ -121,11 +120,9 @@ class Store:
                 database.execute("INSERT INTO invocations VALUES (?, ?, ?, ?)", values)
 
     def invocations(self) -> list[Row]:
-        """Return what `note_invocation` kept."""
         return [dict(row) for row in self._database.execute("SELECT * FROM invocations")]
 
     def note_attempt(self, attempt: Attempt) -> None:
-        """Keep what was attempted on arms."""
         values = asdict(attempt)
         with self._database as database:
             marks = ", ".join(f":{name}" for name in values)
@@ -137,7 +134,6 @@ class Store:
         return [Attempt(**{**row, "counts": bool(row["counts"])}) for row in map(dict, found)]
 
     def about(self) -> dict[str, str]:
-        """Return what `claim` noted."""
         return {row["name"]: row["value"] for row in self._database.execute("SELECT name, value FROM campaign")}
 
     def versions(self) -> list[Version]:
@@ -222,7 +218,6 @@ def _identity(experiment: Experiment[Any, Any]) -> dict[str, str]:
 
 
 def _read(database: Path) -> tuple[dict[str, str], set[str]]:
-    """Return what `claim` noted and the columns. Raises TrialError."""
     try:
         with closing(sqlite3.connect(f"file:{database}?mode=rw", uri=True)) as connection:
             about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())

@@ -20,7 +20,6 @@ class WorkerMismatch(Exception):
 
 
 def digests(paths: Iterable[Path]) -> Sources:
-    """Return each file with the digest of its content."""
     return tuple((path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths)
 
 

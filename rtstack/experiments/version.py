@@ -59,7 +59,6 @@ def present() -> Version:
 
 
 def _digest(places: Iterable[Path]) -> str:
-    """Return a digest of the code and the parameters in folders, and of files."""
     digest = hashlib.sha256()
     for place in places:
         files = [place] if place.is_file() else sorted(path for path in place.rglob("*") if path.suffix in _KINDS)

@@ -43,11 +43,8 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 def local_workers(workers: int) -> Iterator[Client]:
     """Give so many worker processes of one thread each, heard on the loopback address only, with no dashboard.
 
-    A scheduler runs what it is sent. Its clients and workers prove by TLS that they have the key of this campaign,
-    which is in the memory of its processes alone. They end with this process, however it ends. Ctrl-C reaches this
-    process alone: its main thread lets go of work in order, and whatever it has started, or starts again, keeps the
-    signals blocked.
-    """
+    A scheduler runs what it is sent: its clients and workers prove by TLS that they have this campaign's key, which is
+    in its processes' memory alone. They end with this process, the only one that Ctrl-C reaches."""
     # workers that are ended in a trial leave its memory to Python's resource tracker: no need to warn of that
     os.environ["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"
     with (
@@ -80,7 +77,6 @@ class DistantClient(Client):
     admission: Admission
 
     def submit(self, func: Callable[..., Any], *args: Any, **kwargs: Any) -> Future:
-        """See Client.submit."""
         return super().submit(func, *args, resources=self.admission.ticket, **kwargs)
 
 
@@ -88,8 +84,7 @@ class DistantClient(Client):
 def distant_workers(address: str) -> Iterator[Client]:
     """Give the workers of the scheduler at tcp://HOST:PORT that have our version, whenever they join.
 
-    Raises TrialError where there are none. Who is refused is said in a line on stderr.
-    """
+    Raises TrialError where there are none. stderr has a line for each refusal."""
     with dask.config.set(_SETTINGS), _quiet():
         try:
             client = DistantClient(address, timeout=CONNECT_S)

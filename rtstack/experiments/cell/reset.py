@@ -34,10 +34,9 @@ class ResetAborted(TrialError):
 class Reset:
     """Sets the object of a cell in its place.
 
-    carry: carries out a run, and notes it as an attempt for a case; wait: waits for a person, tells what is to be done
-    for as long as there is something to tell, and notes that for a case. by_arms: whether they place the object;
-    put_back: see CellHost. cell: set it anew where it was opened again.
-    """
+    carry: carries out a run for a case; wait: tells a person what is to be done for as long as there is something to
+    tell; both note it. by_arms: they place the object. put_back: see CellHost. cell: set it anew once it is
+    reopened."""
 
     def __init__(
         self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True,
@@ -62,10 +61,10 @@ class Reset:
             raise ResetAborted("the arms do not reach the start", reason)
 
     def set_in_place(self, planned: CellRun, case_id: str) -> None:
-        """Have the arms put down what they hold and carry the object to where the case wants it; ask a person where
-        they cannot, or are not to. Returns once it stands there, measured. Raises TrialError where a stop is asked for
-        meanwhile, WayRefused where the arms have to go to the start first.
-        """
+        """Have the arms put down what they hold and carry the object to its place; ask a person where they cannot.
+
+        Returns once it stands there, measured. Raises TrialError at a stop, WayRefused where the arms have to go to the
+        start first."""
         description, name = planned.run.description, planned.run.specification.object
         self._clear(planned, case_id)
         if planned.wanted is None:
@@ -99,15 +98,13 @@ class Reset:
                 raise ResetAborted(f"{name} could not be put down", reason)
 
     def _place(self, description: CellDescription, name: str, wanted: Displacement, case_id: str) -> bool | None:
-        """Return whether the object stands in its place, after some placements where it did not before; None where it
-        does not stand anywhere upright, or is not seen now.
-        """
+        """Return whether the object stands in its place, placed where it did not; None where it is not seen upright."""
         specification = PlacementSpecification(name, 1e3 * wanted.x_m, 1e3 * wanted.y_m, wanted.yaw_deg)
         try:
             stands = placement.object_stands(self.cell, description, name)
         except TrialError:
             return None
-        if _near(placement.difference(stands, wanted)):
+        if _near(stands, wanted):
             return True
         try:
             prepared = placement.prepare_placement(specification, description)
@@ -126,8 +123,7 @@ class Reset:
         self, description: CellDescription, name: str, wanted: Displacement, case_id: str, until_upright: bool
     ) -> bool:
         """Tell a person what is wrong until the object has stood in its place for STANDS_S, or, with until_upright,
-        stands upright anywhere. Returns whether it stands in its place. Raises TrialError.
-        """
+        stands upright anywhere. Returns whether it stands in its place. Raises TrialError."""
         since_s: float | None = None
         elsewhere = False
 
@@ -152,7 +148,7 @@ class Reset:
             stands = placement.object_stands(self.cell, description, name)
         except TrialError as error:
             return str(error), False
-        if _near(placement.difference(stands, wanted)):
+        if _near(stands, wanted):
             return "", True
         why = f" (the arms could not: {self._why})" if self._why else ""
         return instruction(name, stands, wanted, description) + why, True
@@ -173,5 +169,6 @@ def instruction(name: str, stands: Displacement, wanted: Displacement, descripti
     return f"{name}: move it " + ", ".join(words for away, words in parts if abs(away) >= 1.0)
 
 
-def _near(off: tuple[float, float]) -> bool:
-    return off[0] <= placement.NEAR_MM and off[1] <= placement.NEAR_DEG
+def _near(stands: Displacement, wanted: Displacement) -> bool:
+    off_mm, off_deg = placement.difference(stands, wanted)
+    return off_mm <= placement.NEAR_MM and off_deg <= placement.NEAR_DEG

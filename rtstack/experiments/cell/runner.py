@@ -1,8 +1,6 @@
 """Runs a campaign on a cell's arms: one case after the other, the object set in its place by the arms before each.
 
-What a stage makes, such as references, is made on the arms too where the experiment says how, else by workers. A case's
-log is the truth: its row is read back from it, as after a program that was killed.
-"""
+A case's log is the truth: its row is read back from it, as after a program that was killed."""
 
 import json
 import time
@@ -81,22 +79,15 @@ class CellRunner(Runner):
 
     def _prepared(self, planned: CellRun, name: str) -> str | None:
         """Carry out a run of a stage; returns why it failed. Raises TrialError where it was aborted."""
-        reason: str | None = None
-        for attempt in count(1):
-            reason = self._once(planned, name, Kind.PREPARATION, planned.log).failure_reason
-            if not aborted(reason):
-                break
+        attempts = count(1)
+        while aborted(reason := self._once(planned, name, Kind.PREPARATION, planned.log).failure_reason):
             planned.log.unlink(missing_ok=True)
-            if not _mends(reason) or attempt >= self._schedule.attempts:
-                raise TrialError(f"{name} was aborted, and is run again: {reason}")
+            self._again(next(attempts), reason, f"{name} was aborted, and is run again: {reason}")
         return reason
 
     def _run(self, cases: list[Case], began_s: float) -> None:
-        """Run the cases in the order of the plan's schedule.
-
-        Raises TrialError where the cases are of several objects, where a person has asked for a stop, where a case was
-        aborted, and where too many failed in a row: `--resume` goes on.
-        """
+        """Run the cases in the order of the plan's schedule. Raises TrialError: of several objects, a stop was asked
+        for, a case was aborted, too many failed in a row. `--resume` goes on."""
         every: list[Case] = list(self._experiment.cases(self._store.rows()))
         missing = {case.id for case in cases}
         setup_of = {case.id: self._experiment.on_cell(case).setup for case in every}
@@ -130,9 +121,8 @@ class CellRunner(Runner):
             reason = self._uncounted(result.failure_reason, result.missed_deadlines)
             if self._adopt([case]):
                 break
-            again = reason is None or _mends(reason)
-            if not again or attempt >= self._schedule.attempts:
-                raise TrialError(f"{case.id} was aborted, and is run again: {reason or 'its log is not complete'}")
+            why = f"{case.id} was aborted, and is run again: {reason or 'its log is not complete'}"
+            self._again(attempt, reason, why)
         self.tally.rows += 1
         self.tally.robot_s += self._experiment.robot_s(result.as_dict())
         self.tally.wall_s = time.perf_counter() - self._began_s
@@ -150,8 +140,12 @@ class CellRunner(Runner):
             result = self._once(planned, control.id, kind, _unused(planned.log, word), control)
             if not aborted(result.failure_reason):
                 return
-            if not _mends(result.failure_reason) or attempt >= self._schedule.attempts:
-                raise TrialError(f"the {kind} was aborted: {result.failure_reason}")
+            self._again(attempt, result.failure_reason, f"the {kind} was aborted: {result.failure_reason}")
+
+    def _again(self, attempt: int, reason: str | None, why: str) -> None:
+        """Raise TrialError with `why` unless a run that ended for this reason, if any, may have another attempt."""
+        if not (reason is None or _mends(reason)) or attempt >= self._schedule.attempts:
+            raise TrialError(why)
 
     def _once(self, planned: CellRun, name: str, kind: Kind, log: Path, control: Case | None = None) -> Any:
         """Run once, with the object in its place. name: of the case, or of the stage's task."""
@@ -188,9 +182,7 @@ class CellRunner(Runner):
         self, run: PreparedRun[Any], kind: Kind, name: str, control: Case | None = None, log: Path | None = None,
         record: Mapping[str, str] = {},
     ) -> Any:  # fmt: skip
-        """Carry out a run and note it. log: by default one beside the others. Raises what the host raises; then it is
-        noted too.
-        """
+        """Carry out a run and note it, also where the host raises. log: by default one beside the others."""
         if log is None:  # a pause, or a look after a fault, comes before each run that brings the arms and the object
             self._wait(lambda: self.host.paused, Kind.PERSON, name)
             log = _unused(self._store.out / RESETS / f"{name.replace('/', '-')}.mcap", kind.replace(" ", "-"))
@@ -223,7 +215,6 @@ class CellRunner(Runner):
         return f"{End.TICK_OVERRUN}: {late_cycles} late cycles" if most is not None and late_cycles > most else None
 
     def _rest(self) -> None:
-        """Let the arms rest where the schedule says so."""
         schedule = self._schedule
         if schedule.work_min is None or time.monotonic() - self._work_s < 60.0 * schedule.work_min:
             return
@@ -262,9 +253,7 @@ class CellRunner(Runner):
                 if not self._uncounted(result["failure_reason"], int(result.get("missed_deadlines", 0))):
                     row = row_of(self._experiment, case, path)
             if row is not None:
-                self._store.add(row)
-                self._progress.advance()
-                found.add(case.id)
+                found.add(self._keep(row))
             elif path.exists():
                 path.rename(_unused(path, "aborted"))
         return found
@@ -280,5 +269,4 @@ def _now() -> str:
 
 
 def _unused(log: Path, word: str) -> Path:
-    """Return a path beside a case's log that no case has, and no log yet."""
     return next(path for k in count(1) if not (path := log.with_suffix(f".{word}-{k}.mcap")).exists())

@@ -17,15 +17,12 @@ C = TypeVar("C", bound=Case)
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CellSchedule:
-    """The table `on_cell` of a plan. No row of the simulator depends on it.
+    """The table `on_cell` of a plan: docs/howto/campaign.md. No row of the simulator depends on it.
 
-    seed: of the order within the blocks. control: the id of the case that is repeated at the beginning, every
-    control_every cases and at the end: its runs are no rows, and the report draws how the columns `drift` change over
-    them. warm_up: how often it runs before everything, uncounted. work_min, rest_min: after so many minutes the arms
-    rest for so long. failures_in_a_row: after so many cases in a row without success the campaign stops. late_cycles: a
-    case with more of them is run again, `attempts` times at most. placed_by: who sets the object in its place before
-    each case: the arms, or a person alone, who is told where.
-    """
+    seed: of the order within the blocks. control: id of the case that is repeated at the beginning, every control_every
+    cases and at the end, for the columns `drift`; warm_up: how often before everything. work_min, rest_min: pauses.
+    failures_in_a_row: then the campaign stops. late_cycles: a case with more is run again, `attempts` times at most.
+    placed_by: who sets the object in its place."""
 
     seed: Annotated[int, Field(ge=0)] = 0
     control: str | None = None
@@ -49,12 +46,10 @@ def ordered(
     cases: Iterable[C], schedule: CellSchedule, digest: str, setup: Callable[[C], str] = lambda case: "",
     begin: str = "",
 ) -> list[C]:  # fmt: skip
-    """Return all cases of a plan in the order in which they run: block by block, drawn within each.
+    """Return all cases of a plan in the order in which they run, which a plan fixes. begin: how the cell is set up.
 
-    A block is a repetition of everything (a case's `repetition`), so that what drifts is spread over all conditions.
-    In a block, cases of one set-up follow each other, first those of the present one: a person changes it. begin: how
-    the cell is set up. The same plan gives the same order.
-    """
+    A block is a repetition of everything, drawn, so that what drifts is spread over all conditions; in it cases of one
+    set-up, which a person changes, follow each other, first those of the present one."""
     draw = random.Random(f"{digest}.{schedule.seed}")
     found: list[C] = []
     for _, block in groupby(sorted(cases, key=_block), key=_block):
