@@ -21,10 +21,9 @@ RECORDINGS, LOGS = "references", "logs"  # folders of a campaign
 class Hand:
     """How a demonstrating hand goes on after it has met the object: give either grip or depth_m.
 
-    grip: what the hand at rest exerts on each pad, as a multiple of the least force m g / (2 mu) that holds the object
-    by friction. depth_m: how far inside the object's surface the hand's target comes to rest. stop_s: the time from the
-    surface to there; by default 2 depth / speed, an even stop (a hand with less time speeds up after the contact).
-    """
+    grip: on each pad at rest, as a multiple of the least force m g / (2 mu) that holds the object by friction. depth_m:
+    of the hand's target at rest inside the object's surface. stop_s: from the surface to there; by default 2 depth /
+    speed, an even stop (with less time the hand speeds up after the contact)."""
 
     grip: Positive | None = None
     depth_m: Annotated[float, Field(gt=0.0, le=0.14)] | None = None
@@ -54,12 +53,10 @@ class Hand:
 class Conditions:
     """The contact of a trial, and how much it differs between repetitions. Scatter: standard deviations.
 
-    pad_stiffness N/m; friction coefficients; friction_scatter a fraction of the pads' and of the table's friction;
-    tau_ext_cutoff_hz of the robot's filter of the external torque, on which the impact detector waits; speed_m_s of the
-    pads at the object's surface in the demonstration, if not the variation's own. profile: of the simulated robot
-    (sim_robot.profile). hand: of the demonstration, if not the variation's own. law_inertia: which inertia the law
-    uses, in demonstration and trial; by default the cell's.
-    """
+    pad_stiffness N/m; friction coefficients; friction_scatter: a fraction of pads' and table's; tau_ext_cutoff_hz:
+    of the robot's filter of external torques; speed_m_s: of the pads at the object's surface in the demonstration.
+    profile: of the simulated robot. hand: of the demonstration. law_inertia: in demonstration and trial. None: the
+    variation's own, or the cell's."""
 
     pad_stiffness: Positive
     pad_friction: Positive
@@ -81,10 +78,7 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """A demonstration: this variation of the scripted operator, with this object.
-
-    conditions: the name of those under which it is recorded; empty: the first ones of the plan.
-    """
+    """This variation of the scripted demonstration, with this object. conditions: "" for the plan's first ones."""
 
     object: str
     variation: int
@@ -104,7 +98,6 @@ class Reference:
 
     @property
     def file(self) -> str:
-        """Name of its recording."""
         return f"{self.name.replace('/', '-')}.mcap"
 
 

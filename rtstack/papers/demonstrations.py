@@ -41,11 +41,9 @@ def _described(cell_file: Path) -> tuple[CellDescription, list[Attachment]]:
 
 @dataclass(frozen=True, slots=True)
 class CampaignBench:
-    """What all runs of a campaign have in common, as it is sent to the workers.
+    """What all runs of a campaign have in common, as it is sent to the workers. cell: its kind; digest: the campaign's.
 
-    Paths are absolute: workers on other machines need the same folders. cell: its kind. digest: the campaign's, for the
-    logs.
-    """
+    Paths are absolute: workers on other machines need the same folders."""
 
     out: Path
     cell: str
@@ -75,9 +73,8 @@ class CampaignBench:
 
 @dataclass(frozen=True, slots=True)
 class Bench(CampaignBench):
-    """What trials under conditions have in common, too. elsewhere: where recordings and logs are, if not in `out`: an
-    address that fsspec knows. lab_file: a cell_file with objects of its own.
-    """
+    """elsewhere: of recordings and logs, if not in `out`, as fsspec knows it. lab_file: a cell_file with its own
+    objects."""
 
     criterion: SuccessCriterion
     elsewhere: str | None = None
@@ -85,11 +82,9 @@ class Bench(CampaignBench):
 
     @property
     def archive(self) -> Archive:
-        """Where recordings and logs are."""
         return Archive(self.elsewhere or str(self.out))
 
     def built_cell(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> BuiltCell:
-        """Return the simulated cell of a trial."""
         return conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.lab_file)
 
 
@@ -133,9 +128,8 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
 def recording_stages(
     bench: Bench, references: Iterable[Reference], conditions: Callable[[Reference], Conditions], seed: int
 ) -> Generator[Stage, dict[str, str], dict[str, str]]:
-    """Record the references that are missing. conditions: those of each; seed: the plan's. Returns why, of those that
-    cannot be recorded.
-    """
+    """Record the references that are missing, under their conditions; seed: the plan's. Returns name -> why not
+    recorded."""
     there = bench.archive.names(RECORDINGS)
     missing = [reference for reference in references if reference.file not in there]
     arguments = {

@@ -9,10 +9,8 @@ from rtstack.experiments.experiment import Row
 
 @dataclass(frozen=True, slots=True)
 class Bands:
-    """shares: inclination, degrees -> share of its cases that were expected, in the order of the inclinations.
-
-    cases: how many; fewest: of an inclination.
-    """
+    """shares: inclination, degrees, ascending -> share of its cases that were expected; fewest: cases of an
+    inclination."""
 
     shares: dict[float, float]
     cases: int
@@ -31,7 +29,6 @@ class Bands:
 
     @property
     def sometimes(self) -> list[float]:
-        """The inclinations that are sometimes expected."""
         return [deg for deg, share in self.shares.items() if 0.0 < share < 1.0]
 
     @property
@@ -50,7 +47,6 @@ class Bands:
         return (inf if below is None else always[0] - below, inf if above is None else above - always[1])
 
     def words(self) -> str:
-        """Return what is always expected in words."""
         if self.always is None:
             others = ", ".join(f"{deg:+g}" for deg in self.certain)
             return f"not 0 deg ({100.0 * self.shares.get(0.0, 0.0):.0f} %)" + f", but {others} deg" * bool(others)

@@ -35,7 +35,6 @@ class Evaluation:
 
     @classmethod
     def of(cls, run: "Portion[Any, Any]", rows: Sequence[Row], prefix: str = "") -> "Evaluation":
-        """Return the evaluation of these rows."""
         return cls(run, rows, prefix, {name: bands(rows, prefix + name) for name in run.study.tunings})
 
     def share(self, tuning: str, rows: Sequence[Row], *reasons: str) -> Interval | None:
@@ -65,11 +64,9 @@ def at_contact(run: "Portion[Any, Any]", rows: Sequence[Row], number: int, mappe
 
 
 def evaluated(run: "Portion[Any, Any]", rows: Sequence[Row], every: Sequence[Row]) -> list[Section]:
-    """Return the claims of a plan twice, with the paper's letters and with our tuning; what both share stands apart.
+    """Return the claims of a plan with the paper's letters, with our tuning, and once what both share.
 
-    rows: the judged ones; every: with those of the contacts that are run at all points, which are judged where the map
-    has none.
-    """
+    rows: the judged ones; every: with those of the contacts that are run everywhere, judged where the map has none."""
     if not rows:
         return []
     of_tunings, shared = ([claim for claim in run.claims if (claim.judge in SHARED) is each] for each in (False, True))
@@ -115,7 +112,6 @@ def _ambiguity(e: Evaluation, at: Any) -> Finding:
 
 
 def _beyond(e: Evaluation, at: Any) -> Finding:
-    """All are unexpected from the paper's band and its ambiguous area on."""
     column, never, within = e.run.study.tunings[at], e.found[at].never, e.run.study.marks.within_deg
     edges = (column.always_deg[0] - column.ambiguity_deg, column.always_deg[1] + column.ambiguity_deg)
     near = all(a is not None and abs(a - b) <= within for a, b in zip(never, edges, strict=True))
@@ -157,7 +153,6 @@ def _time_window(e: Evaluation, at: Any) -> Finding:
 
 
 def _off_centre(e: Evaluation, at: Any) -> Finding:
-    """What is always expected lies to one side of 0."""
     certain = e.found[at].certain
     if not certain:
         return Finding("nothing is always expected", ClaimStatus.UNDECIDED)
@@ -166,7 +161,6 @@ def _off_centre(e: Evaluation, at: Any) -> Finding:
 
 
 def _asymmetric(e: Evaluation, at: Any) -> Finding:
-    """More is expected on one side of 0 than on the other."""
     sides = [e.share(at, [row for row in e.rows if sign * row["inclination_deg"] > 0.0]) for sign in (-1.0, 1.0)]
     one, other = sorted(sides, key=lambda side: side.mean if side else 0.0)
     verdict = order([(one, other)])
@@ -180,7 +174,6 @@ def _feasible(e: Evaluation, at: Any) -> Finding:
 
 
 def _second(e: Evaluation, at: Any) -> Finding:
-    """The second corner's impact is detected while the first corner is in contact."""
     rows = [row for row in e.rows if row["inclination_deg"] != 0.0]
     late = [row for row in rows if row["second_ms"] is None or row["second_ms"] > SECOND_MS]
     ours = f"{len(rows) - len(late)} of {len(rows)} within {SECOND_MS:g} ms; others at most "

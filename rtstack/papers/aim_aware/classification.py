@@ -53,7 +53,6 @@ def plan_case(study: Study, approach_deg: float, location_m: float) -> Plan:
 
 
 def simulate_case(study: Study, plan: Plan, case: Case, residual_rate_nm_s: float) -> Impact[Plan]:
-    """Simulate a case."""
     inclination, rates = np.radians(case.inclination_deg), (residual_rate_nm_s,) * 3
     ticks = simulate(study.arm, study.contact, study.task, study.gains, rates, plan, case.location_m, inclination)
     return Impact(case, plan, ticks)

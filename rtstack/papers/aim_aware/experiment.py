@@ -28,7 +28,6 @@ class MonitorStudy(Experiment[P, Case]):
     package: ClassVar[str]
 
     def work(self) -> Callable[[P, Sequence[Case]], list[Row]]:
-        """Return the function that runs the cases of one batch."""
         return import_module(f"{self.package}.worker").run_cases
 
     def report(self, results: Results) -> Report:
@@ -40,18 +39,15 @@ class MonitorStudy(Experiment[P, Case]):
         yield Stage("compiling", [Task("compiling", run_once, (self.work(), self.specification, first))])
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
-        """Return the points of the grid, and of the map of contacts."""
         return list(self.specification.cases())
 
     def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
-        """Return a task for each batch."""
         run = self.work()
         for _, some in groupby(cases, self.specification.batch_of):
             batch = tuple(some)
             yield Task(batch[0].id, run, (self.specification, batch), batch)
 
     def robot_s(self, row: Row) -> float:
-        """Return the duration of a simulation, s."""
         return self.specification.study.task.duration_s
 
 

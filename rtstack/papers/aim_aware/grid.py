@@ -40,7 +40,6 @@ class Case:
 
     @property
     def id(self) -> str:
-        """Unique name of the case."""
         again = f"-{self.repetition}" if self.repetition else ""
         again += f"-contact{self.contact}" if self.contact else ""
         return f"{self.approach_deg:g}deg-{self.location_m:g}m-{self.inclination_deg:+g}deg{again}"
@@ -60,22 +59,19 @@ class Grid:
         return list(product(self.approach_deg.values(), self.location_m.values()))
 
     def cases(self) -> Iterator[Case]:
-        """Yield all cases."""
         every = product(self.plans(), self.inclination_deg.values(), range(self.repetitions))
         for (approach_deg, location_m), inclination_deg, repetition in every:
             yield Case(approach_deg, location_m, inclination_deg, repetition)
 
     def size(self) -> int:
-        """Number of cases."""
         return len(self.plans()) * len(self.inclination_deg.values()) * self.repetitions
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Column:
-    """A column of Table 1 or 2, and the inclinations that its figure always has as expected: from and to, degrees.
+    """A column of Table 1 or 2. always_deg: the inclinations that its figure always has as expected, from and to.
 
-    ambiguity_deg: the tuning is to expect nothing from here beyond the band, on either side.
-    """
+    ambiguity_deg: the tuning is to expect nothing from here beyond the band, on either side."""
 
     always_deg: tuple[Real, Real]
     ambiguity_deg: Positive

@@ -18,9 +18,8 @@ from rtstack.papers.aim_aware.planar.parameters import Task
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Marks:
-    """within_deg: resolution of the inclinations, and how far beyond the paper's an edge may lie; ambiguity_deg: the
-    widest area, a side, in which a tuning expects some impacts and others not.
-    """
+    """within_deg: resolution of inclinations, and how far beyond the paper's an edge may lie; ambiguity_deg: widest
+    area."""
 
     within_deg: Positive
     ambiguity_deg: Positive
@@ -30,8 +29,7 @@ class Marks:
 class ContactMap:
     """Contacts under which the paper's tables are run to the letter: all combinations of the values of a subclass.
 
-    grid: the points of the map; whole: numbers of contacts, from 1, that are run at all other points of the study too.
-    """
+    grid: the points of the map; whole: numbers, from 1, of contacts that are run at the study's other points too."""
 
     grid: Grid
     whole: tuple[int, ...]
@@ -73,7 +71,6 @@ class Outline:
         return outline
 
     def check(self, path: Path) -> None:
-        """Raise ConfigurationError if the parts do not fit together."""
         self.check_points(path, "quick")
         if any(not 1 <= number <= len(self.contacts.each()) for number in self.contacts.whole):
             raise ConfigurationError(f"{path}: key contacts.whole: give numbers from 1 to {len(self.contacts.each())}")
@@ -108,17 +105,14 @@ class Portion(Generic[S, T]):
 
     @classmethod
     def of(cls, study: S, tuned: T, quick: bool) -> Self:
-        """Return the portion of a study."""
         return cls(replace(study, claims=(), registration=None), tuned, quick, study.claims, study.registration)
 
     @property
     def name(self) -> str:
-        """Name of the campaign."""
         return self.study.name
 
     @property
     def title(self) -> str:
-        """Title of its page."""
         return self.study.title
 
     @property
@@ -141,7 +135,6 @@ class Portion(Generic[S, T]):
                 yield replace(case, contact=number)
 
     def size(self) -> int:
-        """Number of cases."""
         return sum(1 for _ in self.cases())
 
     def batch_of(self, case: Case) -> Hashable:

@@ -1,7 +1,4 @@
-"""The planar study's report, and what both studies' have in common: claims, tables, figures, values of the page.
-
-The signals of the figures' cases are a file beside it.
-"""
+"""The planar study's report, and what both studies' have in common: claims, tables, figures, values of the page."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -133,7 +130,6 @@ def report(run: StudyRun, results: Results) -> Report:
 
 
 def _examples(run: StudyRun, out: Path) -> list[Figure]:
-    """Simulate the figures' cases again, save their signals and return the figures."""
     study, parameters = run.study, run.monitors()[TUNING]
     plan = plan_case(study, *EXAMPLE)
     rate = run.tuned.residual_rate_nm_s

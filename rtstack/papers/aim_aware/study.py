@@ -55,7 +55,6 @@ class Study(Outline):
     contacts: PlanarContacts
 
     def check(self, path: Path) -> None:
-        """Raise ConfigurationError if the parts do not fit together."""
         Outline.check(self, path)
         self.check_points(path, "coarse")
 
@@ -70,7 +69,6 @@ class StudyRun(Portion[Study, Tuned]):
         return monitors_of(self.study.tunings, self.tuned.tunings, rates)
 
     def batch_of(self, case: Case) -> tuple[int, float, float]:
-        """Return the key of a batch: contact and planned impact."""
         return case.contact, case.approach_deg, case.location_m
 
     def at(self, contact: int) -> "StudyRun":

@@ -32,11 +32,10 @@ def tuning_file(name: str) -> Path:
 
 
 def tuned_for(path: Path, name: str, kind: type[T], command: str, further: Sequence[Path] = ()) -> T:
-    """Return the tuning of the study `name` at `path`. kind: has the `study_digest` of the plan file that it was found
-    for; further: other files on which the tuning depends.
+    """Return the tuning of the study `name` at `path`. further: other files on which it depends.
 
-    Raises ConfigurationError, with the command that finds it again.
-    """
+    kind: has the `study_digest` for which it was found. Raises ConfigurationError with the command that finds it
+    again."""
     tuning = tuning_file(name)
     if not tuning.exists():
         raise ConfigurationError(f"{path}: no tuning for {name} exists: find it with `{command}`")

@@ -55,8 +55,7 @@ def separate(
 ) -> Found | None:
     """Return the tuning for a band; None if a wanted case cannot be told from an unwanted one.
 
-    overlapping: in that case, exactly the needs of the wanted cases.
-    """
+    overlapping: then exactly the needs of the wanted cases."""
     low, high = band
     wanted = [need for case, need in needs.items() if low <= case.inclination_deg <= high]
     outside = (low - ambiguity_deg, high + ambiguity_deg)
@@ -106,10 +105,7 @@ def tune(path: Path) -> Tuned:
 
 
 def write_tuning(kind: type[Outline], tune: Callable[[Path], Any], *notes: str) -> None:
-    """Command line: tune a study of this kind, given by path, and write deploy/tunings/NAME.toml.
-
-    notes: comments about the file's keys.
-    """
+    """Command line: tune the study at a path, write deploy/tunings/NAME.toml. notes: comments about its keys."""
     parser = argparse.ArgumentParser(description="Tune a study on its coarse grid.")
     parser.add_argument("study", nargs="?", type=Path, default=plan_file(kind.wanted_kind).path)
     path = parser.parse_args().study

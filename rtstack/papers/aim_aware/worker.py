@@ -33,10 +33,7 @@ def verdict_columns(names: Iterable[str]) -> dict[str, Any]:
 
 
 def verdicts(impact: Impact, monitors: Mapping[str, MonitorParameters]) -> Row:
-    """Return the verdict of each tuning on an impact, and its detected impacts, which all tunings share.
-
-    first_ms, last_ms: after the planned time; None without one.
-    """
+    """Return each tuning's verdict on an impact, and the detected impacts; first_ms, last_ms: from the planned time."""
     row: Row = {}
     for name, parameters in monitors.items():
         found = impact.assess(parameters)
@@ -49,10 +46,7 @@ def verdicts(impact: Impact, monitors: Mapping[str, MonitorParameters]) -> Row:
 
 
 def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
-    """Return the rows of cases with the same contact and the same planned impact.
-
-    impulse_ns: the smaller one that the impact map gives the two corners; second_ms: see `_second_ms`.
-    """
+    """Return the rows of cases with one contact and planned impact. impulse_ns: the smaller one of the two corners."""
     run = run.at(cases[0].contact)
     began_s = time.process_time()
     study, monitors = run.study, run.monitors()

@@ -20,15 +20,13 @@ LEAST_R_SQUARED = 0.98
 
 
 def judge_claims(claims: Sequence[PlannedClaim], under: Sequence[Table]) -> list[Claim]:
-    """Return the plan's claims about the tables under one set of conditions, without those about a table that is not
-    there."""
+    """Return the plan's claims under one set of conditions, without those about a table that is not there."""
     there = {str(table.motion) for table in under}
     some = [claim for claim in claims if (claim.at in there if claim.at is not None else len(there) == len(Motion))]
     return judged(some, JUDGES, under)
 
 
 def _of_table(judge: Callable[[Table], Finding]) -> Judge:
-    """Return the judge of a claim about one table, that of the motion `at`."""
     return lambda under, at: judge(next(table for table in under if table.motion == at))
 
 

@@ -1,9 +1,6 @@
 """From a campaign's results to Tables II and III: a fit for each object and case, and each prediction's error.
 
-The unit of every interval is a robot: each has a fit of its own for each line, an average error over the lines and an
-average absolute error, as the paper has of its one pair of robots. What other robots would give is the t interval over
-them.
-"""
+The unit of every interval is a robot, which has fits and errors of its own: t intervals over the robots."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,10 +37,7 @@ class ZeroFeedback:
 
 
 def zero_feedback(velocities: Sequence[float], net: Sequence[float]) -> ZeroFeedback:
-    """Fit a line by least squares. velocities: of the references after the impact, m/s; net: (29) of each trial, m/s.
-
-    Raises FitError.
-    """
+    """Fit a line by least squares: net, (29) of each trial, over velocities after the impact, m/s. Raises FitError."""
     v, a = np.asarray(velocities, dtype=float), np.asarray(net, dtype=float)
     if len(v) != len(a) or not (np.isfinite(v).all() and np.isfinite(a).all()):
         raise FitError("velocities and net feedback have to be as many finite numbers each")
@@ -112,10 +106,9 @@ Prediction = tuple[MapKind, ReflectedInertia]
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One line of a table: an object and a case. points: (planned velocity, net feedback) of each trial that counts;
-    swing: of its net feedback at the end of the window, m/s, on average; excluded: trials that failed or ended early;
-    fit: of all robots' trials, None where no line can be fitted; fits: of each robot's; over_swing: of the net
-    feedback's mean over its last swing; drop: of each robot's pads' lowest velocity from the single step's prediction
-    with B_theta, %; predicted: m/s."""
+    swing: of its net feedback at the window's end, m/s, mean; excluded: trials that failed or ended early; fit: of
+    all robots' trials; fits, over_swing: of each robot's, of net feedback or its mean over the last swing; drop: of
+    its pads' lowest velocity from the single step's prediction with B_theta, %; predicted: m/s."""
 
     object: str
     case: str
@@ -153,7 +146,6 @@ class Table:
         return sorted(set.intersection(*lines)) if lines else []
 
     def errors(self, prediction: Prediction, robot: int, over_swing: bool = False) -> list[float]:
-        """Return the errors, %, of a robot's lines."""
         return [
             (cell.over_swing if over_swing else cell.fits)[robot].error_percent(cell.predicted[prediction])
             for cell in self.cells
@@ -185,7 +177,6 @@ class Table:
 
 
 def absolute(errors: Iterable[float]) -> float:
-    """Return the average absolute error, %."""
     return float(np.mean(np.abs(list(errors))))
 
 
@@ -219,7 +210,6 @@ def _cell(thing: str, case: str, rows: list[Row]) -> Cell:
 
 
 def _fits(rows: list[Row], net: str) -> dict[int, ZeroFeedback]:
-    """Return the fit of each robot of which a line can be fitted."""
     robots = sorted({row["robot"] for row in rows})
     found = {robot: _fit([row for row in rows if row["robot"] == robot], net) for robot in robots}
     return {robot: fit for robot, fit in found.items() if fit is not None}

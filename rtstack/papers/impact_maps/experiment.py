@@ -1,6 +1,4 @@
-"""The validation of impact maps as a kind of experiment: friction first, then references and what is left of friction
-along them, then trials.
-"""
+"""The validation of impact maps as a kind of experiment: friction, references, what is left along them, trials."""
 
 from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
@@ -154,7 +152,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         self.refused |= {missing[file]: reason for file, reason in failed.items()}
 
     def cases(self, rows: Sequence[Row]) -> list[ValidationTrial]:
-        """Return the trials whose reference is not refused."""
         plan = self.specification
         return [trial for trial in plan.trials() if plan.reference(trial) not in self.refused]
 

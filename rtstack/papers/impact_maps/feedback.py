@@ -17,8 +17,7 @@ SWING_S = 0.25  # a period of the slowest vibration that an impact leaves here, 
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """What is looked at: the pads of these arms (0 left, 1 right), averaged, along axis 0 to 2 of the world, counted
-    positive along `sign`."""
+    """The pads of these arms (0 left, 1 right), averaged, along the world's axis 0 to 2, positive along `sign`."""
 
     arms: tuple[int, ...]
     axis: int
@@ -44,10 +43,7 @@ class FeedbackSignal:
 
     @property
     def swing(self) -> float:
-        """Return how much the integral still swings at the window's end, m/s: half its range in the last SWING_S.
-
-        The paper's window ends when all vibrations have vanished; where they have not, another end gives another net.
-        """
+        """Return half the range of the integral in the last SWING_S, m/s: the paper's ends without vibrations."""
         return float(np.ptp(self._last)) / 2.0
 
     @property
@@ -70,10 +66,8 @@ def feedback_signal(
 ) -> FeedbackSignal:
     """Return the signal of a trial whose samples begin with its reference. arms: for their models.
 
-    (28) has the feedback as an acceleration of the pad. The controller's feedback is a wrench,
-    gamma D (v_d - v) + K (x_d - x), and what it adds to the pad's acceleration is Lambda^-1 times it, (26): gamma is 0
-    at the detected impact and 1 after the interim mode. All feedforward is left out.
-    """
+    (28) has the feedback as an acceleration of the pad: Lambda^-1 times the controller's feedback wrench, (26),
+    gamma D (v_d - v) + K (x_d - x), gamma 0 at the detected impact and 1 after the interim mode; no feedforward."""
     t_ns = columns.arm[0]["t_ns"]
     t_s = (t_ns - t_ns[0]) * 1e-9 - nominal_impact_s
     ticks = np.flatnonzero((t_s >= -BEFORE_S - 1e-9) & (t_s <= AFTER_S + 1e-9))

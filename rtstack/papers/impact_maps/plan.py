@@ -30,8 +30,8 @@ DIRECTIONS = {Motion.HIT_AND_PUSH: Direction((0,), 1, -1.0), Motion.GRAB: Direct
 
 
 class JointFriction(StrEnum):
-    """What the controller compensates: what Appendix A found on this robot, joint by joint and along each reference,
-    another robot's, or nothing."""
+    """What the controller compensates: what Appendix A found on this robot and along each reference, another's,
+    nothing."""
 
     IDENTIFIED = "identified"
     PUBLISHED = "published"
@@ -40,14 +40,12 @@ class JointFriction(StrEnum):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ValidationConditions:
-    """How a trial's robot is, and what its controller knows.
+    """How a trial's robot is, and what its controller knows. Frictions: the plant's, friction_scatter a fraction of
+    both.
 
-    compensate_object: (26)-(27), weight, friction and inertia of the object in the feedforward. B_theta_factor: of the
-    plant's reflected inertia, on what the controller and the map count on. damping_ratio: of the object on a pad, the
-    scene's own where None. Frictions: the plant's; friction_scatter a fraction of both, a draw a trial.
-    motor_inertia_scatter: of B and B_theta of each joint of a robot, a fraction; the plant's own where None. map: which
-    of both maps the references follow after the impact. motions: the scenarios that are run.
-    """
+    compensate_object: (26)-(27). B_theta_factor: the plant's reflected inertia over what controller and map count on.
+    damping_ratio: of the object on a pad. motor_inertia_scatter: of B and B_theta of each joint, a fraction; None: the
+    scene's, the plant's own. map: which one the references follow after the impact. motions: the scenarios."""
 
     pad_friction: Positive
     table_friction: Positive
@@ -65,8 +63,7 @@ class ValidationConditions:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Gains:
-    """Of the tasks (15)-(17), 1/s^2: position, orientation, posture; k_theta_after: orientation after the impact, where
-    it is another one (VI-B)."""
+    """Of the tasks (15)-(17), 1/s^2: position, orientation, posture; k_theta_after: after the impact (VI-B)."""
 
     k_p: Positive
     k_theta: Positive
@@ -105,8 +102,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class PlannedReference:
-    """A reference that has to be planned; its file's name follows from it. along: whether its feedforward has what
-    friction compensation leaves along it, (31), of this robot."""
+    """A reference that has to be planned. along: with what friction compensation leaves along it, (31)."""
 
     robot: int
     motion: Motion
@@ -119,14 +115,12 @@ class PlannedReference:
 
     @property
     def file(self) -> str:
-        """Name of its log."""
         kind = ("" if self.compensate else ".bare") + ("" if self.along else ".plain") + _suffix(self.map)
         return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}{kind}.r{self.robot}.mcap"
 
     @property
     def free_runs(self) -> tuple["FreeRuns", ...]:
-        """The free runs on which it depends, none where nothing is identified along it. What is before the impact is
-        the same for all velocities after it."""
+        """The free runs on which it depends; before the impact they are the same for all velocities after it."""
         if not self.along:
             return ()
         parts = {PlanPhase.ANTE: (1.0, MapKind.CONVERGED), PlanPhase.POST: (self.scale, self.map)}
@@ -164,20 +158,17 @@ class FreeRuns:
 
     @property
     def name(self) -> str:
-        """What its files' names begin with."""
         return (
             f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}.{self.part}{_suffix(self.map)}.r{self.robot}"
         )
 
     def log(self, run: int) -> str:
-        """Name of a run's log."""
         return f"{self.name}.run{run}.mcap"
 
 
 @dataclass(frozen=True, slots=True)
 class ValidationTrial:
-    """One trial. scale: of the reference's post-impact velocity, on the prediction; seed: of noise and placement;
-    robot: seed of the arms."""
+    """scale: of the post-impact velocity, on the prediction; seed: of noise and placement; robot: seed of the arms."""
 
     conditions: str
     motion: Motion
@@ -216,7 +207,6 @@ class ValidationPlan:
     registration: Registration | None = None
 
     def size(self) -> int:
-        """Number of trials."""
         return sum(1 for _ in self.trials())
 
     def trials(self) -> Iterator[ValidationTrial]:
@@ -230,7 +220,6 @@ class ValidationPlan:
                     yield ValidationTrial(conditions, scenario.motion, thing, case, scale, k, seed, robot)
 
     def reference(self, trial: ValidationTrial) -> PlannedReference:
-        """Return the reference of a trial."""
         conditions = self.conditions[trial.conditions]
         along = conditions.joint_friction is JointFriction.IDENTIFIED
         return PlannedReference(
@@ -239,7 +228,6 @@ class ValidationPlan:
         )  # fmt: skip
 
     def setting(self, trial: ValidationTrial) -> Setting:
-        """Return what a trial needs beside itself."""
         return Setting(self.reference(trial), self.scenario(trial.motion).gains, self.conditions[trial.conditions])
 
     def references(self) -> tuple[PlannedReference, ...]:
@@ -251,7 +239,6 @@ class ValidationPlan:
         return tuple(dict.fromkeys(runs for reference in self.references() for runs in reference.free_runs))
 
     def scenario(self, motion: Motion) -> Scenario:
-        """Return the scenario of a motion."""
         return next(scenario for scenario in self.scenarios if scenario.motion is motion)
 
     def on_arms(self) -> "ValidationPlan":

@@ -19,29 +19,23 @@ _MAPS = {MapKind.SINGLE_STEP: single_step, MapKind.CONVERGED: converged}
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Velocities of the pads after the impact, m/s, along what counts: planned (scaled), and as each map predicts it by
-    inertia of the motors."""
+    """Velocities of the pads after the impact, m/s: planned (scaled), and by each map and inertia of the motors."""
 
     planned: float
     by_map: Mapping[MapKind, Mapping[ReflectedInertia, float]]
 
     def write(self, path: Path) -> None:
-        """Write it beside the plan's log."""
         path.write_text(json.dumps({"planned": self.planned, **self.by_map}), encoding="utf-8")
 
 
 def read_prediction(path: Path) -> Prediction:
-    """Read what `Prediction.write` wrote."""
     values = json.loads(path.read_text(encoding="utf-8"))
     by_map = {which: {kind: values[which][kind] for kind in ReflectedInertia} for which in MapKind}
     return Prediction(values["planned"], by_map)
 
 
 def predict(planned: PlannedMotion, direction: Direction) -> Prediction:
-    """Return the predictions of a plan: of the same impact, with another inertia of the motors each.
-
-    Raises PlanError where a map has no solution.
-    """
+    """Return the predictions of a plan, by map and inertia of the motors. Raises PlanError without a solution."""
     by_map = {
         which: {kind: _predicted(planned, direction, which, kind) for kind in ReflectedInertia} for which in MapKind
     }

@@ -1,11 +1,8 @@
 """What a worker does for a reference: plan it, run its parts with nothing in the way, feed forward what they tell.
 
-What is left of friction and gravity compensation along a reference, (30)-(31) of Appendix A: the paper averages the
-feedback of free runs over time, and adds it to the reference as feedforward. Feedback takes 2/sqrt(k) = 0.2 s to take
-up what changes; what it has not taken up yet is seen as an acceleration of the error, and counts here, too:
-a_fr = a_fb + d/dt (v_d - v), which feedback would have had to be for the error to stay as it is. All that the
-controller follows is looked at, the six coordinates of the pad and the posture's joint.
-"""
+(30)-(31) of Appendix A: the mean feedback of free runs is what friction and gravity compensation leave along a
+reference. Feedback takes 2/sqrt(k) = 0.2 s to take up what changes; what it has not taken up yet accelerates the
+error, and counts too: a_fr = a_fb + d/dt (v_d - v). So for six coordinates of the pad and the posture's joint."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -53,7 +50,6 @@ NO_OBJECT = ""  # what a cell is opened with, as for a playback
 
 @lru_cache(maxsize=4)  # the robots' turns follow one another
 def _planned(bench: ValidationBench, thing: str, request: GrabPlan | PushPlan) -> PlannedMotion:
-    """Return a plan, which is the same for all robots. Raises PlanError."""
     description = bench.description
     if isinstance(request, GrabPlan):
         return plan_grab(description, thing, request)
@@ -90,8 +86,7 @@ def free_run_on_arms(bench: ValidationBench, runs: FreeRuns, scenario: Scenario,
 
 
 def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, count: int) -> str | None:
-    """Make `count` runs along a part of a reference and their logs, or take those that arms have made, and make their
-    average. Returns None, or in one line why it failed."""
+    """Make `count` runs along a part of a reference, or take those of arms; average them. Returns why it failed."""
     found: list[Array] = []
     for run in range(count):
         try:
@@ -138,10 +133,7 @@ def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario
 
 
 def residual(columns: Columns, free: FreeMotion, arms: Sequence[ArmController]) -> Array:
-    """Return what feedback would have had to add in a run of a free motion, (arms, end - begin, 7): m/s^2, rad/s^2.
-
-    arms: for their models.
-    """
+    """Return what feedback would have had to add, (arms, end - begin, 7) m/s^2, rad/s^2; arms: for their models."""
     joint, period_s = arms[0].parameters.posture_joint, free.plan.period_s
     n = min(columns.arm.shape[1], free.plan.ticks)
     found = np.empty((len(arms), free.end - free.begin, COORDINATES))

@@ -94,7 +94,6 @@ def _table(table: Fitted, which: MapKind) -> Table:
 
 
 def percent(value: float | None) -> str:
-    """Return an error in words."""
     return "-" if value is None else f"{value:+.2f} %"
 
 
@@ -121,7 +120,6 @@ def _overview(of_all: Sequence[Fitted]) -> list[list[str]]:
 def _figures(
     rows: list[Row], of_all: Sequence[Fitted], plan: ValidationPlan, out: Path, description: CellDescription
 ) -> list[Figure]:
-    """Return figures 6 to 9, of the first set of conditions."""
     arms = arm_controllers(description, cell_parameters(description))
     found = []
     for table in of_all:

@@ -43,10 +43,8 @@ from sim_robot.scene import NO_OBJECT, PlacementScatter
 def validation_cell(
     bench: "ValidationBench", object_name: str, seed: int, robot: int, conditions: ValidationConditions
 ) -> BuiltCell:
-    """Return the simulated cell of a trial: the arms of seed `robot`, everything else of `seed`.
-
-    object_name: empty for a cell without an object.
-    """
+    """Return the simulated cell of a trial: the arms of seed `robot`, everything else of `seed`; object_name: "" for
+    none."""
     nominal, parameters = simulated_files(bench.lab_file)
     draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
     pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()
@@ -71,12 +69,10 @@ def validation_cell(
 
 
 def friction_file(robot: int) -> str:
-    """Return the name of what was identified on a robot, joint by joint."""
     return f"friction.r{robot}.toml"
 
 
 def sweep_file(robot: int, asked: SweepSpecification) -> str:
-    """Return the name of the log of a run of a robot's identification."""
     return f"r{robot}.{sweep_log(asked)}"
 
 
@@ -91,9 +87,8 @@ MEASURED: dict[str, type] = dict.fromkeys(
 
 @dataclass(frozen=True, slots=True)
 class ValidationBench(CampaignBench):
-    """See CampaignBench. nominal: the conditions of the identification. on_arms: the cases run on a cell's arms, whose
-    joint friction is the cell's own; lab_file: a cell_file with objects of its own.
-    """
+    """nominal: the conditions of the identification. on_arms: of a cell, with its own joint friction. lab_file: see
+    Bench."""
 
     nominal: ValidationConditions
     on_arms: bool = False
@@ -173,7 +168,6 @@ def on_arms(bench: ValidationBench, trial: ValidationTrial, setting: Setting) ->
 def row_of_log(
     bench: ValidationBench, trial: ValidationTrial, setting: Setting, log: Log, columns: Mapping[str, Any]
 ) -> Row:
-    """Return the row of a trial from its log."""
     prediction = read_prediction((bench.out / RECORDINGS / setting.reference.file).with_suffix(".json"))
     return _row(bench, trial, prediction, recorded_result(log, columns), log_columns(log))
 

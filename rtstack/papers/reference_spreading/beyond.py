@@ -1,7 +1,4 @@
-"""Beyond the paper: the contact-completion detector, its future work, against the proposed controller.
-
-Both meet the same arms, friction, noise and placement in a repetition, so that differences are taken pair by pair.
-"""
+"""Beyond the paper: the contact-completion detector, its future work, against the proposed controller, pair by pair."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -66,7 +63,6 @@ def _margin_ms(row: Row) -> float | None:
 
 
 def _compared(what: str, rows: list[Row], column: str, unit: str = "", digits: int = 1) -> Comparison | None:
-    """Compare pair by pair where both succeeded; None without a pair."""
     both = _pairs([row for row in rows if row["success"]], column)
     if not both:
         return None

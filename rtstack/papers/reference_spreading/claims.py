@@ -64,8 +64,6 @@ def _against(first: Controller, others: Iterable[Controller] = NAMES) -> list[tu
 def _compared(
     column: str | Value, pairs: Sequence[tuple[Controller, Controller]], unit: str = "", digits: int = 1, why: str = ""
 ) -> Judge:
-    """Return the judge of an order of a column's means, pair by pair over references."""
-
     def judge(evaluation: Evaluation, _at: object) -> Finding:
         verdict, words = _lower(evaluation, pairs, column, unit=unit, digits=digits)
         return Finding(f"{_each(lambda c: evaluation.mean(c, column), unit, digits)}. Pairs: {words}", verdict, why)

@@ -1,6 +1,4 @@
-"""The paper's controllers, as entry points of rtstack.controllers: proposed and its three baselines (part V), and the
-proposed one with a contact-completion detector (part VI).
-"""
+"""The paper's controllers as entry points: proposed, its three baselines (part V), contact completion (part VI)."""
 
 from enum import StrEnum
 
@@ -47,5 +45,4 @@ def name_of(controller: str) -> str:
 
 
 def millimetres(displacement_mm: float) -> str:
-    """Return a displacement in words."""
     return f"{displacement_mm:+g} mm" if displacement_mm else "0 mm"

@@ -17,8 +17,7 @@ RICE_BOX = "rice_box"
 class Table2Line:
     """One controller: share of successful grabs, and lift against its reference's and displacement's mean, mm.
 
-    lift_mm: of Table II's trials, its interval over references; repeated_lift_mm: of Figure 11's rice boxes.
-    """
+    lift_mm: of Table II's trials; repeated_lift_mm: of Figure 11's rice boxes. Intervals over references."""
 
     controller: Controller
     success: Interval | None
@@ -41,10 +40,7 @@ PAPER_TABLE2 = {
 
 
 class Evaluation:
-    """The results of a campaign, seen through the paper's eyes. conditions: under which of them.
-
-    controllers: whose results; by default the paper's four, so that a fifth one changes nothing of what is compared.
-    """
+    """The results of a campaign under some conditions. controllers: by default the paper's four."""
 
     def __init__(
         self, rows: list[Row], conditions: str = NOMINAL, controllers: Iterable[str] = tuple(PAPER_TABLE2)
@@ -54,7 +50,6 @@ class Evaluation:
         self.conditions = conditions
 
     def of(self, experiment: str, **values: object) -> list[Row]:
-        """Return the rows of an experiment with these values."""
         return [
             row
             for row in self.rows
@@ -79,10 +74,7 @@ class Evaluation:
         self, controller: Controller, displacement_mm: float, name: str = "average_force_norm",
         experiment: str = FIGURE11,
     ) -> Interval | None:  # fmt: skip
-        """Return a point of Figure 11: the mean of (33), or of another column, over references and repetitions.
-
-        Of trials that `went_on`: what ended before has no 200 ms around its impact.
-        """
+        """Return a point of Figure 11: the mean of (33), or of another column, of trials that `went_on`."""
         groups: dict[object, list[float]] = defaultdict(list)
         for row in self.of(experiment, controller=controller, displacement_mm=displacement_mm):
             if went_on(row) and row[name] is not None:
@@ -90,9 +82,9 @@ class Evaluation:
         return stratified_mean(groups)
 
     def mean(self, controller: Controller, value: str | Value, *, counted: Counted | None = None) -> Interval | None:
-        """Return the mean over references of a column, or of a function of a row, with its t interval: what other
-        references would give. counted: which trials; by default those that `went_on`.
-        """
+        """Return the mean over references of a column, or of a function of a row, with its t interval.
+
+        counted: which trials; by default those that `went_on`."""
         groups: dict[str, list[float]] = defaultdict(list)
         for row in self.rows:
             if row["controller"] == controller and (counted or went_on)(row):
@@ -105,10 +97,8 @@ class Evaluation:
     ) -> Interval | None:  # fmt: skip
         """Return the mean of `first` less `second`, pair by pair, with its t interval over the references' means.
 
-        A pair has the same experiment, reference, place and repetition, and so the same seed: arms, friction, noise.
-        counted: which trials, of both; by default those that `went_on`. wanted: values of columns, such as
-        displacement_mm=30.0.
-        """
+        A pair has the same experiment, reference, place and repetition, and so the same seed. counted: which trials, of
+        both; by default those that `went_on`. wanted: values of columns, such as displacement_mm=30.0."""
         pairs: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
         for row in self.rows:
             if (counted or went_on)(row) and all(row[name] == each for name, each in wanted.items()):
@@ -138,7 +128,6 @@ def went_on(row: Row) -> bool:
 
 
 def every(row: Row) -> bool:
-    """Count each trial."""
     return True
 
 

@@ -1,8 +1,6 @@
-"""What a report needs beside a trial's result, from the samples of the trial: contacts, delay, peaks, steps, swing.
+"""What a report needs beside a trial's result, from the samples of its log: contacts, delay, peaks, steps, swing.
 
-Everything here is seen in the log alone. Where the pads touch is geometry: the measured pad (O_T_EE) and the tracked
-object; the plant's own contacts are not used.
-"""
+Where the pads touch is geometry: the measured pad (O_T_EE) and the tracked object, not the plant's contacts."""
 
 from dataclasses import dataclass
 
@@ -96,7 +94,6 @@ class Passage:
 
 
 def passage(columns: Columns, description: CellDescription, object_name: str) -> Passage:
-    """Look at a trial's samples."""
     t_ns = columns.arm[0]["t_ns"]
     n = len(t_ns)
     thing = _object_poses(columns.object, t_ns)

@@ -1,6 +1,4 @@
-"""The report of a comparison of controllers: the paper's claims, tables and figures, and generic ones for other
-experiments.
-"""
+"""The report of a comparison of controllers: the paper's claims, tables and figures, and generic ones for the rest."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -149,7 +147,6 @@ def _table2(evaluation: Evaluation) -> Table:
 
 
 def _single_trials(rows: list[Row], archive: Archive, description: CellDescription) -> list[Figure]:
-    """Return figures 5, 8 and 10, from a rice box's reference where there is one."""
     some = [row for row in rows if row["displacement_mm"] == EXAMPLE_MM]
     example = next(
         (row for name in (FIGURE11, TABLE2) for row in some if row["experiment"] == name), next(iter(some), None)

@@ -1,8 +1,4 @@
-"""What a worker does: run a trial and write its log. One row of plain values comes back.
-
-Everything that trials share (cell, references, what is compiled) is kept from one to the next. Where the program was
-killed between log and row, the row is made of the log alone.
-"""
+"""What a worker does: run a trial, write its log and return its row; or make the row of the log alone."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -71,5 +67,4 @@ def _row(bench: Bench, trial: Trial, result: Mapping[str, Any], columns: Columns
 
 
 def row_of_log(bench: Bench, trial: Trial, log: Log, columns: Mapping[str, Any]) -> Row:
-    """Return a trial's row from its log."""
     return _row(bench, trial, recorded_result(log, columns), log_columns(log))

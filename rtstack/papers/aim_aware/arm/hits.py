@@ -1,7 +1,4 @@
-"""Hits of the arm in cells of their own, and the pad's velocity after an impact, learned from nominal hits.
-
-A cell has one robot, and a platform with a random set-up error.
-"""
+"""Hits of the arm in cells of their own, and the pad's velocity after an impact, learned from nominal hits."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -80,8 +77,7 @@ def prepare_hit(
 
 
 def hit_case(study: ArmStudy, case: Case, prepared: PreparedHit, log: RunLog | None = None, kind: str = DIRECT) -> Hit:
-    """Run one hit on a cell of its own: the same robot whatever the seed, which draws noise, and how exactly the
-    platform is set up. kind: see BuiltCell. Raises what opening it raises."""
+    """Run one hit on a cell with the study's robot; the seed draws noise and set-up. kind: see BuiltCell."""
     setup, seed = study.setup, prepared.specification.seed
     scene = hit_scene(setup, seven(prepared.plan.q_start), case.inclination_deg, seed)
     built = BuiltCell(scene, _simulated()[1], NOTHING, seed, arms_seed=setup.robot)
@@ -98,10 +94,7 @@ def tuning_hit(
     study: ArmStudy, case: Case, twist: Twist, rates: tuple[float, ...], seeds: str = "learning",
     until: int | None = None,
 ) -> tuple[HitPlan, Hit]:  # fmt: skip
-    """Run a hit whose monitor has these rates, and bounds that are never reached. twist: see plan_case.
-
-    seeds: the name of those that are used for nothing else.
-    """
+    """Run a hit whose monitor has these rates, and bounds that are never reached. seeds: a name of their own."""
     plan, monitoring = plan_case(study, case, twist), next(iter(study.tunings.values())).parameters(rates, LARGE, LARGE)
     return plan, hit_case(
         study, case, prepare_hit(study, case, plan, monitoring, seed_of(study.seed, seeds, case.id), until)

@@ -26,7 +26,6 @@ def report(run: ArmRun, results: Results) -> Report:
 
 
 def _examples(run: ArmRun, out: Path) -> Figure:
-    """Run the figure's hits again, save their signals and return the figure."""
     approach_deg, location_m = run.grid.plans()[0]
     unlogged = replace(run, logs=None)
     impacts = [judged_case(unlogged, Case(approach_deg, location_m, deg))[0] for deg in SHOWN_DEG]

@@ -27,23 +27,20 @@ Count = Annotated[int, Field(ge=1, le=100)]
 
 
 def platform_cell_file() -> Path:
-    """Return the path of the cell's description."""
     with as_file(files("deploy.cells") / "platform.toml") as path:
         return path
 
 
 def platform_files() -> list[Path]:
-    """Return the files of the simulated cell."""
     return files_of_plant("scenes/platform.toml", "parameters/plant.toml")
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Setup:
-    """The set-up of a hit and its accuracy. robot: which arm is drawn, the same in all hits. Standard deviations of the
-    platform's inclination and height.
+    """The set-up of a hit. robot: which arm is drawn. inclination_deg, height_mm: standard deviations of the
+    platform's.
 
-    stiffness, damping, friction: of the contact, N/m, Ns/m, where it is not the scene's own.
-    """
+    stiffness N/m, damping Ns/m, friction: of the contact, where it is not the scene's own."""
 
     robot: Annotated[int, Field(ge=0)]
     inclination_deg: NotNegative
@@ -65,11 +62,8 @@ class ArmContacts(ContactMap):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmSearch:
-    """Candidates of the tuning: see tuning.py.
-
-    noise_factor: candidates for r_b over the residual's largest rate in free motion; learning: nominal hits from which
-    an approach angle's post-impact velocity is learned.
-    """
+    """noise_factor: candidates for r_b over the residual's largest rate in free motion; learning: nominal hits a
+    velocity."""
 
     noise_factor: tuple[Positive, ...]
     learning: Count
@@ -80,8 +74,7 @@ class ArmTuned:
     """Result of the tuning. quiet_nm_s (7,): largest rates of the residual in free motion; r_b is a multiple of them.
 
     learned: approach angle, degrees -> the pad's velocity after a nominal impact, x m/s, z m/s, about y rad/s.
-    mirrored: whether the inclinations have the other sign than the paper's. separations, left_out: of each candidate.
-    """
+    mirrored: whether the inclinations have the other sign than the paper's."""
 
     study_digest: str
     noise_factor: Positive
@@ -96,10 +89,7 @@ class ArmTuned:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmStudy(Outline):
-    """The plan file of the study. The arm is described as its user knows it; the plant has parameters of its own.
-
-    logs: whether each judged hit has a log.
-    """
+    """The plan file of the study: the arm as its user knows it. logs: whether each judged hit has a log."""
 
     wanted_kind: ClassVar[str] = STUDY
     command: ClassVar[str] = COMMAND
@@ -119,7 +109,6 @@ class ArmStudy(Outline):
         return replace(_platform_cell(), left=self.mounting, pad=self.pad)
 
     def check(self, path: Path) -> None:
-        """Raise ConfigurationError if the parts do not fit together."""
         Outline.check(self, path)
         both = set(self.grid.approach_deg.values()) & set(self.coarse.approach_deg.values())
         if both:
@@ -141,10 +130,7 @@ class LogFolder:
 
 @dataclass(frozen=True, slots=True)
 class ArmRun(Portion[ArmStudy, ArmTuned]):
-    """The study or its sample. logs: None where hits are not logged. cell: the kind on which judged hits run.
-
-    At an address a person inclines the platform.
-    """
+    """The study or its sample. logs: None for none; cell: its kind (a person inclines a real platform)."""
 
     logs: LogFolder | None = None
     cell: str = DIRECT

@@ -1,16 +1,13 @@
 """Finds r_b, epsilon and e_m, and learns the velocities after an impact, on approach angles that the report leaves out.
 
-In this order: the residual's largest rates in free motion; for each candidate, r_b as so many times these, and the
-post-impact velocities of the nominal hits (as in the paper, no impact map: the pad's mean velocity over the horizon
-xi after the first impact, of hits whose reference keeps what a frictionless platform would leave); the hits of the
-coarse grid; and from what each of them needs, epsilon and e_m as in the planar study
-(rtstack.papers.aim_aware.tuning). Unlike there, wanted hits that nothing can make expected ((10), (12), a reflex of
-the robot) are left out, and counted; and where wanted and unwanted hits overlap, the bounds are what the wanted ones
-need, and no more.
+For each candidate r_b, a multiple of the residual's largest rates in free motion: the post-impact velocities of the
+nominal hits (as in the paper, the pad's mean velocity over the horizon xi after the first impact); the hits of the
+coarse grid; and from what each of them needs, epsilon and e_m as in rtstack.papers.aim_aware.tuning. Unlike there,
+wanted hits that nothing can make expected ((10), (12), a reflex) are left out and counted; where wanted and unwanted
+hits overlap, the bounds are what the wanted ones need.
 
-The text of the paper does not say which sign an inclination has: a band that is one-sided may lie on either side, and
-the tuning takes the candidate and the side with the fewest hits left out, and of these the largest worst separation.
-"""
+The paper does not say which sign an inclination has: taken are the candidate and the side of a one-sided band with
+the fewest hits left out, and of these the largest worst separation."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -44,7 +41,6 @@ def _quiet(study: ArmStudy, cases: Iterable[Case]) -> NDArray[np.float64]:
 
 
 def _needs(study: ArmStudy, rates: Rates, learned: dict[str, Twist]) -> dict[str, dict[Case, Need]]:
-    """Return the needs of each hit of the coarse grid, by tuning."""
     needs: dict[str, dict[Case, Need]] = {name: {} for name in study.tunings}
     for case in track(list(study.coarse.cases()), "coarse grid"):
         plan, done = tuning_hit(study, case, learned[f"{case.approach_deg:g}"], rates, "tuning")
@@ -81,8 +77,8 @@ def tune(path: Path) -> ArmTuned:
 
 
 def separated(study: ArmStudy, needs: dict[str, dict[Case, Need]], mirrored: bool) -> tuple[dict[str, Found], int]:
-    """Return the tunings for the paper's bands, plain or mirrored (none if one does not exist), and the number of
-    wanted hits that were left out."""
+    """Return the tunings for the paper's bands, plain or mirrored (none: one does not exist), and the wanted hits left
+    out."""
     found, lost = {}, 0
     for name, column in study.tunings.items():
         low, high = (column.mirrored() if mirrored else column).always_deg

@@ -64,7 +64,6 @@ def on_arms(run: ArmRun, case: Case, path: Path) -> CellRun:
 
 
 def row_of_log(run: ArmRun, case: Case, log: Log) -> Row:
-    """Return the row of a hit from its log."""
     reason = log.metadata["result"]["failure_reason"]
     prepared, end = _prepared(run, case), End.in_reason(reason)
     parameters = hit_parameters(prepared.description, prepared.gains, prepared.plan)

@@ -50,10 +50,7 @@ TRUE_KIND = {
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Faults:
-    """How much goes wrong: mm, factors of the mass, degrees, N and s.
-
-    wider_mm: the object's width, both its sides nearer; narrower_mm: further away; far_side_mm: one side alone.
-    """
+    """mm, factors of the mass, degrees, N, s. wider_mm, narrower_mm: both sides; far_side_mm: one side alone."""
 
     shifted_mm: Positive
     heavy: Positive
@@ -109,11 +106,9 @@ class Judged:
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """The objects, in the order of the file."""
         return tuple(one.object for one in self.sets)
 
     def size(self) -> int:
-        """Number of cases."""
         return len(self.cases())
 
     def cases(self) -> list["GrabCase"]:
@@ -128,7 +123,6 @@ class Judged:
         return cases
 
     def recorded(self) -> tuple[Reference, ...]:
-        """Return the demonstrations that the cases follow."""
         return tuple(reference for one in self.sets for reference in one.recorded(self.quick))
 
     def _case(self, one: JudgedSet, number: int, kind: FaultKind | None) -> "GrabCase":

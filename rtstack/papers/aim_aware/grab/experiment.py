@@ -45,7 +45,6 @@ class GrabStudy(Experiment[Judged, GrabCase]):
         return load_judged(path, quick)
 
     def stages(self) -> Stages:
-        """Record the demonstrations that are missing."""
         from rtstack.papers.demonstrations import recording_stages
 
         study = self.specification

@@ -41,8 +41,8 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """found: share of the mark's faults, false_alarms: share of good trials, both with a 95 % interval. confusion: what
-    is true -> what was said -> how often, of further faults too."""
+    """found: share of the mark's faults, false_alarms: of good trials. confusion: what is true -> what was said ->
+    count."""
 
     found: Interval | None
     false_alarms: Interval | None
@@ -57,7 +57,6 @@ class Summary:
         return found is not None and alarms is not None and found.mean >= WANTED_FOUND and alarms.mean <= WANTED_FALSE
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the summary as JSON-ready values."""
         return {
             "found": _values(self.found), "false_alarms": _values(self.false_alarms), "reached": self.reached,
             "kinds": [asdict(line) for line in self.lines], "confusion": self.confusion,
@@ -66,7 +65,6 @@ class Summary:
 
 
 def summarise(findings: Sequence[GrabOutcome]) -> Summary:
-    """Return the summary of the findings."""
     faulty = [finding for finding in findings if finding.fault is not None and finding.fault not in FURTHER]
     good = [finding for finding in findings if finding.fault is None]
     confusion: dict[str, Counter[str]] = {}

@@ -49,12 +49,10 @@ class GrabOutcome:
 
     @property
     def object(self) -> str:
-        """What was to be grabbed."""
         return Reference.named(self.reference).object
 
     @property
     def unexpected(self) -> bool:
-        """Whether the monitor says that something was wrong."""
         return self.verdict == "unexpected"
 
     @property
@@ -67,7 +65,6 @@ class GrabOutcome:
 
     @property
     def delay_s(self) -> float | None:
-        """From the onset to the verdict."""
         return None if self.verdict_s is None else self.verdict_s - self.onset_s
 
 
@@ -78,7 +75,6 @@ def _prepared(cell_file: Path, out: Path, reference: Reference, monitor: PairPar
 
 
 def run_case(grab: GrabBench, case: GrabCase) -> list[Row]:
-    """Run a case. Returns its finding as a row."""
     bench = grab.bench
     prepared = _prepared(bench.cell_file, bench.out, case.reference, grab.monitors[case.reference.object])
     assert prepared.reference.impact is not None  # it is a demonstration

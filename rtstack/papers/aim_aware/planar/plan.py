@@ -62,9 +62,7 @@ R = TypeVar("R", covariant=True)
 class Meant(Generic[R]):
     """References before and after the impact at t_d_s, each extended beyond it.
 
-    q_start, q_d (n,): joints at the start and at the impact; dq_post (ticks, n): the joint velocities (14) that are
-    expected after it.
-    """
+    q_start, q_d (n,): joints at the start and at the impact; dq_post (ticks, n): expected velocities (14) after it."""
 
     t_d_s: float
     q_start: Array
@@ -106,10 +104,9 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
 
 
 def impact_references(task: Task, t_s: Array, hit: Array, before: Array, after: Array) -> tuple[Reference, Reference]:
-    """Return references at the times t_s (n,) that hit at task.approach_s, and that go to rest from there.
+    """Return references at t_s (n,) that hit at task.approach_s, and that go to rest from there, extended beyond it.
 
-    hit (3,): x, y, phi; before, after (3,): their rates. Each is extended with its own rates beyond the impact.
-    """
+    hit (3,): x, y, phi; before, after (3,): their rates."""
     t_d, end, still = task.approach_s, t_s[-1] + t_s[1] - t_s[0], np.zeros(3)
     beyond = (end, hit + before * (end - t_d), before)
     ante = _path(t_s, [(0.0, hit - before * t_d / 2.0, still), (t_d, hit, before), beyond])

@@ -31,7 +31,6 @@ from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.result import Result
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import HitSpecification
 from rtstack.trials.start_motion import StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
@@ -49,10 +48,7 @@ TICK = np.dtype([
 
 @checked(frozen=True, slots=True, config=STRICT)
 class HitGains:
-    """Stiffness (6,) N/m, Nm/rad of the impedance before and after the impact; of the posture 1/s^2.
-
-    What has no stiffness has no damping: along it the arm presses, or gives way.
-    """
+    """Stiffness (6,) N/m, Nm/rad before and after the impact; 0: no damping either. posture: 1/s^2."""
 
     stiffness: Six
     pressing: Six
@@ -61,11 +57,8 @@ class HitGains:
 
 @dataclass(frozen=True, slots=True)
 class Hit(Result):
-    """What came out of a hit.
-
-    ticks (n,) of TICK; stopped: why it ended before its plan did (robot, safety judge), empty where it did not.
-    missed_deadlines: late cycles.
-    """
+    """ticks (n,) of TICK; stopped: why it ended before its plan did, "" where it did not; missed_deadlines: late
+    cycles."""
 
     ticks: NDArray[np.void]
     stopped: str
@@ -74,11 +67,10 @@ class Hit(Result):
 
 @compiled
 def watch(states, parameters, dq_post, samples, controls, t_ns):
-    """Let the monitor see a tick, t_ns after the first one; write what it knows into controls[0].
+    """Let the monitor see a tick, t_ns after the first one; return whether this tick is one of an impact (9).
 
-    states, parameters: see monitor_step; dq_post (n, 7): the joint velocities (14), rad/s, a tick each. samples and
-    controls (1,): of the arm. Returns whether this tick is one of an impact (9).
-    """
+    states, parameters: see monitor_step; dq_post (n, 7): the joint velocities (14), rad/s. samples, controls (1,): of
+    the arm; controls[0] gets the verdict."""
     state, sample, control = states[0], samples[0], controls[0]
     dq_ref = dq_post[min(t_ns // TICK_NS, dq_post.shape[0] - 1)]
     monitor_step(states, parameters, t_ns, control.momentum_residual, sample.q, sample.dq, dq_ref)
@@ -102,10 +94,7 @@ class HitController(CellController):
 
 
 def hit_parameters(description: CellDescription, gains: HitGains, plan: HitPlan) -> Parameters:
-    """Return the controller's numbers: the cell's, with the gains of a hit.
-
-    A hit without an impact goes on to the end of its plan: it is the monitor that says so.
-    """
+    """Return the cell's parameters with the gains of a hit. Without an impact a hit goes on to the end of its plan."""
     parameters = cell_parameters(description)
     control = replace(
         parameters.control, stiffness=np.array(gains.stiffness), stiffness_after_impact=np.array(gains.pressing),
@@ -116,11 +105,10 @@ def hit_parameters(description: CellDescription, gains: HitGains, plan: HitPlan)
 
 @dataclass(frozen=True, slots=True)
 class PreparedHit(PreparedRun[Hit]):
-    """A hit along a plan, for `until` ticks at most.
+    """A hit along a plan, for `until` ticks at most. From the impact that the monitor sees, (9), on the pad presses
+    down.
 
-    The references switch in the tick in which the monitor sees the first impact (9); from then on the pad presses down.
-    The judge has the cell's limits; an impact is meant from UNTIL_BEFORE_S before the planned one on.
-    """
+    The judge has the cell's limits; an impact is meant from UNTIL_BEFORE_S before the planned one on."""
 
     specification: HitSpecification
     gains: HitGains
@@ -170,8 +158,7 @@ def ticks_of(columns: Columns, description: CellDescription, parameters: Paramet
 
 
 def _result(outcome: SessionOutcome, columns: Columns, run: Run) -> dict[str, Any]:
-    """Return what the log keeps of how a hit ended."""
-    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+    reason = outcome.problem
     last = columns.control[0][-1] if columns.control.shape[1] else np.zeros(1, columns.control.dtype)[0]
     return {
         "success": reason is None, "failure_reason": reason, "detected_impact_time_s": run.first_impact_s,

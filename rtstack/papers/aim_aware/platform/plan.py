@@ -28,11 +28,9 @@ class HitPlan(Meant[NDArray[np.void]]):
 def plan_hit(
     mounting: ArmMounting, pad: Pad, task: Task, approach_rad: float, x_m: float, twist_post: Array
 ) -> HitPlan:
-    """Plan to hit a horizontal platform at x_m (Section III-A); twist_post (3,): what it leaves of the motion, x m/s,
-    z m/s, about y rad/s.
+    """Plan to hit a horizontal platform at x_m (Section III-A). Raises ValueError for a place out of reach.
 
-    Raises ValueError for a place out of reach.
-    """
+    twist_post (3,): what it leaves of the motion, x m/s, z m/s, about y rad/s."""
     model = ArmModel(mounting, pad)
     t_s = PERIOD_S * np.arange(round(task.duration_s / PERIOD_S))
     hit = np.array([x_m, task.surface_height_m, 0.0])
