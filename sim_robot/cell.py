@@ -1,9 +1,7 @@
 """The simulated cell behind hal's contract: one arm or two and a tracker on one plant, in one process.
 
-A read by an arm that has already seen the present state advances the plant by 1 ms, for all arms: so it does
-not matter which arm is served first, and an arm that did not write keeps its last torque. The first reads
-return the state at t = 0.
-"""
+A read by an arm that has seen the present state advances the plant by 1 ms for all arms: their order does not matter,
+and an arm that did not write keeps its last torque. The first reads return the state at t = 0."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,7 +38,7 @@ _MOVE = RobotMode.MOVE  # looked up once: an enumeration's member costs 0.1 us
 
 
 class SimulatedArm:
-    """One arm of a simulated cell: a hal.arm.Arm."""
+    """One arm of a simulated cell: a hal.arm.Arm. In a reflex a read is refused, and the plant goes on."""
 
     def __init__(self, cell: "SimulatedCell", side: int) -> None:
         self._cell, self._side, self._name = cell, side, f"{cell.scene.sides[side]} arm"
@@ -53,10 +51,6 @@ class SimulatedArm:
         self._source = cell.states[side : side + 1].view(np.uint8)
 
     def read(self) -> ArmState:
-        """Return the next state.
-
-        Raises CommandRejected in a reflex (the plant has gone on), ConnectionLost when closed.
-        """
         if self._closed:
             self._refuse_closed()
         if self._seen_tick == self._plant.ticks:
@@ -70,7 +64,6 @@ class SimulatedArm:
         return self._state
 
     def write(self, tau: Array) -> None:
-        """Answer with a torque, (7,), Nm. The first one starts torque control. Raises as read does."""
         if self._closed:
             self._refuse_closed()
         if self._box.mode is not _MOVE and self._box.mode in _REFUSING:
@@ -78,18 +71,15 @@ class SimulatedArm:
         self._box.take(np.ascontiguousarray(tau, dtype=np.float64))
 
     def stop(self) -> None:
-        """End torque control: the arm brakes and holds. A reflex stays latched."""
         if self._box.mode not in NEEDS_PERSON:
             self._box.stop()
 
     def recover(self) -> None:
-        """Clear a reflex: the arm is idle and holds. Raises RecoveryRefused while its cause persists."""
         if self._closed:
             self._refuse_closed()
         self._cell.recover(self._side)
 
     def close(self) -> None:
-        """Stop; nothing can be read or written any more."""
         self.stop()
         self._closed = True
 
@@ -108,9 +98,7 @@ class SimulatedArm:
 class SimulatedCell:
     """The scene's arms, a tracker, one plant; `as_cell` gives what hal knows of it.
 
-    arms: in the order of `Scene.sides`, as all arrays of arms here; left, right: the same by name, None where the scene
-    has no such arm.
-    """
+    arms: in the order of `Scene.sides`, as all arrays of arms here; left, right: the same by name, None for none."""
 
     def __init__(
         self,
@@ -231,8 +219,9 @@ class SimulatedCell:
 
 
 def cell_scene(scene: Path | None, cell_file: Path | None, sides: Sequence[str] | None = None) -> Scene:
-    """Return the scene of a cell: of this file, by default the grabbing one, with what a lab's file adds, and of its
-    arms those in sides. Raises ConfigurationError, naming the key or the arm that is not there."""
+    """Return the scene of a file, by default the grabbing one, with a lab's objects, of the arms in sides.
+
+    Raises ConfigurationError, naming the key or the arm that is not there."""
     layout = load_scene(scene)
     if cell_file is not None:
         layout = with_lab_objects(layout, cell_file)
@@ -257,13 +246,10 @@ def simulated_cell(
 ) -> SimulatedCell:
     """Build the cell with this object, displaced from its place (a number: along y, m); NO_OBJECT: an empty cell.
 
-    cell_file: a lab's own, for the objects that it adds (sim_robot.lab_objects). arms_seed: of the arms alone, where
-    the same ones are to meet other noise. Without a clock it is lockstep: nothing waits, and a seed gives bit-identical
-    states. `on_the_wire`: an FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
-    ObjectOutOfReach, ConfigurationError, FaultNeedsLink. profile: its name (sim_robot.profile).
-    sides: the arms that there are, left, right or both; by default those of the scene and the cell's file. `faults` are
-    read for the same arms.
-    """
+    cell_file: a lab's own, for its objects. arms_seed: of the arms alone. Without a clock it is lockstep: a seed gives
+    bit-identical states. on_the_wire: an FCI server carries out the faults of the link. profile: its name. sides: left,
+    right or both, by default those of scene and cell_file. Raises UnknownObject, ObjectOutOfReach, ConfigurationError,
+    FaultNeedsLink."""
     if not on_the_wire:
         refuse_link_faults(faults)
     layout = cell_scene(scene, cell_file, sides)

@@ -11,12 +11,9 @@ LEAST_REST = 0.1
 
 
 class PacedLockstep:
-    """Paces the cell, one `wait` for each state that is read. It never skips a millisecond: the robot waits for its
-    answer, and no state comes before its time.
+    """Paces the cell, one `wait` for each state that is read, and never skips a millisecond.
 
-    A busy machine makes the simulation slow, which the loop's period shows, and never makes it wrong: a seed gives the
-    same states as in a run without a clock.
-    """
+    A busy machine makes the simulation slow and never wrong: a seed gives the same states as without a clock."""
 
     def __init__(self) -> None:
         self._deadline_ns = self._rested_ns = time.monotonic_ns()

@@ -72,7 +72,6 @@ class ControlBox:
                 self._bridge()
 
     def _apply(self) -> None:
-        """Hand the command that came on time to the plant."""
         self._plant.command(self._side, self._tau)
 
     def _bridge(self) -> None:

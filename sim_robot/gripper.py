@@ -15,10 +15,9 @@ ROOM_TEMPERATURE = 25  # deg C, and it stays so
 
 
 class SimulatedGripper:
-    """The hand of an arm, by its index. Commands are for arms that hold, whose states are not answered."""
+    """The hand of an arm, by its index: see hal.gripper.Gripper. For arms that hold, whose states are not answered."""
 
     def __init__(self, cell: "SimulatedCell", side: int) -> None:
-        """Raises NoGripper."""
         hand, name = cell.hands[side], cell.scene.sides[side]
         if hand is None:
             raise NoGripper(f"the {name} arm has no hand: load a scene with [{name}.hand]")
@@ -26,31 +25,25 @@ class SimulatedGripper:
         self._closed = False
 
     def state(self) -> GripperState:
-        """Return the present state, at once. See hal.gripper.Gripper."""
         self._check_open()
         hand = self._hand
         return GripperState(hand.ticks * 1_000_000, hand.width, hand.max_width, hand.is_grasped, ROOM_TEMPERATURE)
 
     def homing(self) -> bool:
-        """Find the largest width."""
         return self._carry_out(self._hand.homing)
 
     def move(self, width: float, speed: float) -> bool:
-        """Bring the fingers to a width, m, at a speed, m/s."""
         return self._carry_out(self._hand.move, width, speed)
 
     def grasp(
         self, width: float, speed: float, force: float, epsilon_inner: float = 0.005, epsilon_outer: float = 0.005
     ) -> bool:
-        """Close until a force, N, is felt, and hold on."""
         return self._carry_out(self._hand.grasp, width, speed, force, epsilon_inner, epsilon_outer)
 
     def stop(self) -> bool:
-        """Let go."""
         return self._carry_out(self._hand.stop)
 
     def close(self) -> None:
-        """Nothing can be commanded any more."""
         self._closed = True
 
     def _check_open(self) -> None:

@@ -1,18 +1,14 @@
 """The Franka Hand in the plant: one degree of freedom, its width, limited in speed and force.
 
-The fingers are parts of the hand that are moved once a millisecond; what they press on pushes back through MuJoCo's
-contacts, so that an object is squeezed, held by friction and lifted as in reality. Not modelled: the fingers' own
-inertia and the gears, so that a finger that meets something hits it with no more than its contact's spring; the motor's
-temperature; that a hand under 140 N for a moment grips harder than max_force.
+The fingers are moved once a millisecond; what they press on pushes back through MuJoCo's contacts (decision 47). Not
+modelled: the fingers' inertia, the gears, the motor's temperature, and the 140 N that a hand has for a moment.
 
-What the vendor documents (libfranka, gripper.h): an object is grasped where width - epsilon_inner < d < width +
-epsilon_outer. What users of the robot report, and this hand does too (issues of libfranka and franka_ros):
+An object is grasped where width - epsilon_inner < d < width + epsilon_outer (libfranka, gripper.h). As users report:
 - nothing but homing works before the first homing, max_width is 0 until then (franka_ros 276, 238);
 - a grasp closes, whatever the width; one that misses lets go, and so does one while something is held (libfranka 108);
 - stop lets go of what is held (libfranka 18, grasp_object.cpp);
 - a move that is blocked does not end for some 100 s (franka_ros 281).
-Not known, and chosen here: a speed or force above the hand's is taken as the hand's, a new command aborts the former.
-"""
+Chosen here: a speed or force above the hand's is taken as the hand's, a new command aborts the former."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -75,7 +71,6 @@ class Hand:
 
     @property
     def busy(self) -> bool:
-        """True while the fingers are on their way."""
         return self._order is not None
 
     @property
@@ -100,10 +95,7 @@ class Hand:
         return self._begin(width, speed, self.parameters.max_force)
 
     def grasp(self, width: float, speed: float, force: float, epsilon_inner: float, epsilon_outer: float) -> Order:
-        """Close until `force` is felt, and hold; UNSUCCESSFUL where the fingers are not at the width then.
-
-        FAIL as `move`, and for a force that is not positive or a negative epsilon.
-        """
+        """Close until `force` is felt, and hold; UNSUCCESSFUL where the width is another one then. FAIL as `move`."""
         good = self._possible(width) and min(speed, force) > 0.0 and min(epsilon_inner, epsilon_outer) >= 0.0
         if not (good and all(map(isfinite, (speed, force, epsilon_inner, epsilon_outer)))):
             return Order(Outcome.FAIL)

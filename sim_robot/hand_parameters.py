@@ -1,8 +1,7 @@
 """The Franka Hand that a scene may mount on an arm's flange, by its published numbers.
 
-Sources: the mass, centre, inertia and end effector that Desk sets for the hand; its manual's technical data (travel,
-speed, force); franka_description (where the fingers begin). What has no published value says so.
-"""
+Sources: what Desk sets for the hand (mass, centre, inertia, end effector); its manual (travel, speed, force);
+franka_description (where the fingers begin)."""
 
 from dataclasses import dataclass
 from math import cos, pi, sin

@@ -1,9 +1,7 @@
 """A lab's own arms and objects: what the plant takes of the cell's file, where the controller finds its own values.
 
-[left] and [right]: the arm's `model` and its own `pad`; where a file names one of them, the simulated arm has it and
-begins at the `home`. A file that has one of the two tables describes a cell with this arm alone, and so is the scene.
-docs/howto/cell.md says what the plant takes of [objects.NAME] and [objects.NAME.plant].
-"""
+A file with `model` or `pad` in [left] or [right] gives the simulated arm both, and its `home`; a file with one of the
+two tables describes a cell with this arm alone. [objects.NAME] and [objects.NAME.plant]: docs/howto/cell.md."""
 
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -59,10 +57,9 @@ def _as_described(arm: ArmPlacement, described: Any, cell_file: Path, side: str)
 
 
 def difference(scene: Scene, cell_file: Path, name: str) -> str | None:
-    """Return in one line what the plant's object has and its description in the cell's file has not, None for nothing.
+    """Return in one line in what the plant's object differs from its description in the cell's file, None for nothing.
 
-    scene: with the objects of the cell's file. Where the two differ on purpose, that is what the line is for.
-    """
+    scene: with the objects of the cell's file."""
     described = _described(cell_file).get(name)
     if described is None or name not in scene.objects:
         return None

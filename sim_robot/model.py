@@ -1,9 +1,7 @@
 """The MuJoCo model of the cell, generated in memory from the arms' description and the scene.
 
-Degrees of freedom: seven joints of each arm, in the order of `Scene.sides`, then the object's free joint: with two arms
-0-6, 7-13 and 14-19 (qpos 14-20). MuJoCo sees the link side of the arms only: no armature, no joint damping, no
-actuators, no joint limits (the reflexes watch those).
-"""
+Degrees of freedom: seven joints of each arm in the order of `Scene.sides`, then the object's free joint. MuJoCo sees
+the link side of the arms only: no armature, damping, actuators or joint limits (the reflexes watch those)."""
 
 from typing import Any
 

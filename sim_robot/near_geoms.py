@@ -1,9 +1,7 @@
-"""Which geoms MuJoCo looks at: those that may touch another one before the next look. Compiled.
+"""Which geoms MuJoCo looks at: those that may touch another one before the next look (decision 68). Compiled.
 
-To look for contacts takes a third of a step, four times a millisecond, and most geoms are far from all that they could
-meet. A geom all of whose pairs are surely farther apart than everything has moved since the last look is left out by
-its collision masks. The contacts, and what is simulated, are the same to the last bit.
-"""
+A geom all of whose pairs are surely farther apart than everything has moved since the last look is left out by its
+collision masks. The contacts, and what is simulated, are the same to the last bit."""
 
 from math import sqrt
 

@@ -31,8 +31,7 @@ class SimulationDiverged(HardwareError):
 
 
 def faces(scene: Scene) -> Array:
-    """Return the frames of the arms' pads, or of their hands' fingertips along the flange's axes, in that of joint 7,
-    (n, 4, 4), m."""
+    """Return the frames of the arms' pads, or of their hands' fingertips, in that of joint 7, (n, 4, 4), m."""
     T = np.tile(np.eye(4), (len(scene.arms), 1, 1))
     for side, (place, pad) in enumerate(zip(scene.arms, scene.pads, strict=True)):
         if place.hand is None:
@@ -44,9 +43,7 @@ def faces(scene: Scene) -> Array:
 
 
 def _pad_faces_y(scene: Scene) -> tuple[float, float]:
-    """Return where the pads begin along y, m, by the nominal kinematics: between them is the object's place.
-
-    A hand, and an arm that is not there, leave their side open: infinity."""
+    """Return where the pads begin along y, m, by the nominal kinematics; infinity for a hand, and a missing arm."""
     y, body, from_base = [], np.zeros(1, KINEMATICS_RECORD)[0], np.zeros(3)
     for place, face in zip(scene.arms, faces(scene), strict=True):
         body["T_parent_joint"], body["joint_T_face"] = arm_description(place.robot).T_parent_joint, face
@@ -61,11 +58,9 @@ def _pad_faces_y(scene: Scene) -> tuple[float, float]:
 class Plant:
     """The physical cell. Owns MuJoCo's model and data; deterministic for a seed.
 
-    Arrays of all arms have shape (n, ...), in the order of `Scene.sides`; an arm's `side` is its index there.
-    `joints` and `motors` are records (n,): what each arm is made of, and its motor side.
-    Friction is the sigmoid of JointParameters as seen at the commanded torque (tau_fric of (7)-(10)), so that
-    the friction at the motor itself is B / B_theta times it.
-    """
+    Arrays of all arms have shape (n, ...), in the order of `Scene.sides`; an arm's `side` is its index there. `joints`
+    and `motors` are records (n,). Friction is the sigmoid of JointParameters as seen at the commanded torque, tau_fric
+    of (7)-(10); at the motor itself it is B / B_theta times that."""
 
     def __init__(
         self, scene: Scene, parameters: PlantParameters, object_name: str,
@@ -211,10 +206,7 @@ class Plant:
         joint["hold_damping"] = 2.0 * np.sqrt(stiffness * self._hold_inertia[side])
 
     def push(self, side: int, force: Array, torque: Array | float = 0.0) -> None:
-        """Push until changed: on the middle of a pad's face, (3,) N along the world's axes, and on the joints, (7,) Nm.
-
-        For faults and tests.
-        """
+        """Push until changed: the middle of a pad's face, (3,) N along the world's axes, and the joints, (7,) Nm."""
         self._pushes[0][side], self._pushes[1][side] = force, torque
         self._pushed = True
 
@@ -228,9 +220,9 @@ class Plant:
         self._pushed = any(push.any() for push in self._pushes)
 
     def put_object_back(self) -> bool:
-        """Put the object where it began, at rest. Returns whether it is there now: where a pad is in the way, it is
-        taken off the table meanwhile, unless a pad touches it.
-        """
+        """Put the object where it began, at rest. Returns whether it is there.
+
+        Where a pad is in the way it is taken off the table meanwhile, unless a pad touches it."""
         if self.gone:
             return True
         data, first = self.data, self.first_of_object

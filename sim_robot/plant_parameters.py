@@ -116,8 +116,7 @@ class PlantParameters:
     reflexes: ReflexParameters
 
     def of(self, model: RobotModel) -> "PlantParameters":
-        """Return these with the joints of the model's own file, where its table [plant] has some. Raises
-        ConfigurationError."""
+        """Return these with the joints of the model's own file, if it has [plant]. Raises ConfigurationError."""
         if not model.plant:
             return self
         own = asdict(self.joints) | dict(model.plant)

@@ -1,8 +1,6 @@
-"""How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it. Its table
-`[built]` says how the cell was built otherwise than its scene and the file of the cell say.
+"""How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it.
 
-The profile `ideal` has zeros only, and changes no bit of what the simulated robot does.
-"""
+The profile `ideal` has zeros only, and changes no bit. docs/reference/simulated_robot.md has the tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -67,8 +65,7 @@ class Built:
         return MovedTracker(tracker, self) if self.moved_tracker else tracker
 
     def scene(self, scene: Scene) -> Scene:
-        """Return the scene as it was built; the scene itself where nothing is wrong. Raises ConfigurationError where
-        one arm is swapped."""
+        """Return the scene as it was built. Raises ConfigurationError where one arm is swapped."""
         if not any((*self.left_mm, *self.left_deg, *self.right_mm, *self.right_deg, self.swapped)):
             return scene
         left = scene.left and _moved(scene.left, self.left_mm, self.left_deg)
@@ -110,7 +107,6 @@ def _quaternion(deg: Vector3) -> Array:
 
 
 def _turned(wxyz: Array, v: Array) -> Array:
-    """Return v (3,) turned by a unit quaternion."""
     return _product(_product(wxyz, np.array([0.0, *v])), wxyz * _INVERSE)[1:]
 
 

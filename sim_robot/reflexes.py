@@ -1,7 +1,4 @@
-"""The basic reflexes: what the vendor's controller refuses, as masks of hal.robot_errors. Pure functions.
-
-They judge what the robot can know: the command it was sent and the state it measured.
-"""
+"""The basic reflexes: what the vendor's controller refuses of commands and measured states, by hal.robot_errors."""
 
 from collections.abc import Callable
 from math import sqrt

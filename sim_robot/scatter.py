@@ -120,7 +120,6 @@ def as_twin(arm: DrawnArm, twin: Twin) -> DrawnArm:
 
 
 def _with_mass(link: Link, mass: float, place: Array) -> Link:
-    """Return a link with a point mass fixed to it."""
     whole = link.mass + mass
     centre = (link.mass * link.centre + mass * place) / whole
     inertia = link.inertia.copy()

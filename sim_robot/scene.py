@@ -233,10 +233,7 @@ class Scene:
     ) -> ObjectPlacement:
         """Put the object on the table, displaced from its place (a number: along y, m); scattered with a generator.
 
-        tilt_deg: about the world's x, one lower edge on the table and a wedge under the rest.
-
-        Raises UnknownObject, and ObjectOutOfReach naming the allowed range.
-        """
+        tilt_deg: about the world's x, on a wedge. Raises UnknownObject, and ObjectOutOfReach with the allowed range."""
         thing = self.find(object_name)
         displacement = Displacement.of(displacement)
         yaw = displacement.yaw_rad

@@ -1,8 +1,7 @@
 """What the robot reports of the plant: encoders, torque sensors and an estimate of external forces.
 
-Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where the robot pushes the
-environment. Every float is rounded to float32 at the end, as the wire carries it.
-"""
+Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where the robot pushes. Floats are rounded to
+float32, as the wire carries them."""
 
 from math import exp, floor, pi, sqrt
 
@@ -53,10 +52,7 @@ def _wire(value):
 
 @compiled
 def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k, t_ns):
-    """Fill the measured fields of all states (n,). t_ns: of the robot.
-
-    draws[k]: (n, CHANNELS, 7), slow_draws[k]: (n, 7), standard normal.
-    """
+    """Fill the measured fields of all states (n,). draws[k] (n, CHANNELS, 7), slow_draws[k] (n, 7): standard normal."""
     for arm in range(states.shape[0]):
         state, sensor, motor, draw = states[arm], sensors[arm], motors[arm], draws[k, arm]
         state.t_ns = t_ns

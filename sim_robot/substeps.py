@@ -1,8 +1,6 @@
 """One millisecond of the plant, compiled: four substeps of flexible joints around MuJoCo's own step.
 
-MuJoCo is called through its C symbol, so that no Python runs between two substeps. The arrays are views of
-MuJoCo's memory and two records; nothing is allocated.
-"""
+MuJoCo is called through its C symbol: no Python runs between two substeps, and nothing is allocated."""
 
 import ctypes
 from math import exp, isfinite

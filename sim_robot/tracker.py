@@ -55,7 +55,6 @@ class SimulatedTracker:
         self._see = bound(_see, self._pose, self._draws, noise_m, float(half_angle), self._seen.record, later=(0, 0))
 
     def update(self) -> None:
-        """Look at the object when a frame is due. The cell calls it once a millisecond."""
         if self._plant.ticks % self._every_ms or self._plant.away:
             return
         if self._next == BLOCK:
@@ -66,7 +65,6 @@ class SimulatedTracker:
         self._is_new = True
 
     def latest(self) -> ObjectPose:
-        """Return the newest frame. It belongs to the tracker and is overwritten by the next call."""
         if self._is_new:
             self._given_bytes[:] = self._seen_bytes
             self._is_new = False
@@ -114,7 +112,6 @@ class OwnClockTracker(SimulatedTracker):
 
 
 def tracker_of(plant: Plant, parameters: TrackerParameters, seed: int) -> SimulatedTracker:
-    """Return the tracker that the plant's profile asks for."""
     clock = plant.profile.tracker
     if not any((clock.offset_ms, clock.drift_ppm, *clock.latency_ms, clock.lost_share)):
         return SimulatedTracker(plant, parameters, seed)

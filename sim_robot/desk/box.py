@@ -1,9 +1,7 @@
 """One box as its Desk knows it: who has control, what its brakes do, whether FCI is let in, when the self-test is due.
 
-Codes of refusals: BrakesClosed, EmergencyStopPressed and Timeout are the vendor's, by published clients; the others
-are guesses. So are these, for which no client is a witness: control that is given back leaves FCI as it is; a
-self-test that is overdue locks the brakes and ends FCI.
-"""
+Of the codes of refusals BrakesClosed, EmergencyStopPressed and Timeout are the vendor's; the others are guesses, as is
+that FCI stays as it is when control is given back, and ends when a self-test is overdue."""
 
 import secrets
 import threading
@@ -50,7 +48,6 @@ class DeskBox:
     # what it shows
 
     def system(self) -> dict[str, Any]:
-        """GET /api/system."""
         self._look()
         return {"status": "Started", "operatingMode": self.operating_mode(), "controlSerialNumber": self.serial}
 
@@ -61,18 +58,15 @@ class DeskBox:
         return {"status": "SafetyRecovery" if self._flags["user_stop"] else "Execution"}
 
     def joints(self) -> list[dict[str, Any]]:
-        """GET /api/arm/joints."""
         self._look()
         brake = "Locked" if self._flags["locked"] else "Unlocked"
         return [{"joint": number, "brakeStatus": brake} for number in range(1, JOINTS + 1)]
 
     def fci(self) -> dict[str, Any]:
-        """GET /api/fci."""
         self._look()
         return {"status": "Active" if self._flags["fci"] else "Inactive"}
 
     def control_token(self) -> dict[str, Any]:
-        """GET /api/system/control-token."""
         with self._changed:
             held = self._control
             return {"owner": held and held.owner, "tokenId": held and held.number, "requester": self._requested_by}
@@ -84,7 +78,6 @@ class DeskBox:
         return {"status": "Running" if self._testing else status, "remaining": max(0, int(left_s))}
 
     def recovery(self) -> dict[str, Any]:
-        """GET /api/safety/recovery."""
         return {"recovery": {"type": "SelfTestsElapsed"} if self._overdue() else None}
 
     # what it is told
@@ -103,7 +96,6 @@ class DeskBox:
             return {"token": self._control.token, "tokenId": self._control.number}
 
     def release_control(self) -> None:
-        """POST /api/system/control-token:release."""
         with self._changed:
             self._control = None
             self._changed.notify_all()
@@ -134,14 +126,12 @@ class DeskBox:
         self._allow()
 
     def activate_fci(self) -> None:
-        """POST /api/fci:activate."""
         self._allow()
         if self._flags["locked"]:
             raise Refused(424, "FailedDependency", "the joints are locked", ("BrakesClosed",))
         self._flags["fci"] = 1
 
     def deactivate_fci(self) -> None:
-        """POST /api/fci:deactivate."""
         self._flags["fci"] = 0
 
     def execute_self_tests(self) -> None:
@@ -157,7 +147,6 @@ class DeskBox:
         self._flags["locked"] = before
 
     def confirm_recovery(self, kind: str) -> None:
-        """POST /api/safety/recovery:confirm."""
         if kind != "SelfTestsElapsed" or not self._overdue():
             raise Refused(424, "FailedDependency", f"there is no {kind}")
 
@@ -167,7 +156,6 @@ class DeskBox:
 
     @property
     def off(self) -> bool:
-        """Whether it was shut down."""
         return bool(self._flags["off"])
 
     def _allow(self) -> None:

@@ -1,7 +1,4 @@
-"""Desk of the boxes in a process of its own, as the process sees it that serves their FCI.
-
-That one keeps 1 kHz and has no time for a handshake of HTTPS. The two share a few bytes: FLAGS of each box.
-"""
+"""Desk of the boxes in a process of its own: the one that serves their FCI has no time for a handshake of HTTPS."""
 
 import mmap
 import os
@@ -31,7 +28,6 @@ def shared_flags(boxes: int) -> tuple[int, NDArray[np.void]]:
 
 
 def flags_at(descriptor: int) -> NDArray[np.void]:
-    """Return the FLAGS (n,) behind a descriptor."""
     return np.frombuffer(mmap.mmap(descriptor, 0), FLAGS)
 
 
@@ -39,10 +35,7 @@ class DeskProcess:
     """A running Desk at each box's address. flags: FLAGS of the boxes (n,)."""
 
     def __init__(self, addresses: dict[str, str], self_test_due_s: float) -> None:
-        """Start it, and wait until it serves. addresses: of each arm's box, by the arm's name (left, right).
-
-        Raises HardwareError with what it says.
-        """
+        """Start it, and wait until it serves. addresses: of the boxes, by arm (left, right). Raises HardwareError."""
         descriptor, self.flags = shared_flags(len(addresses))
         # standard input ends with this process, however it ends
         self._process = subprocess.Popen(
@@ -58,7 +51,6 @@ class DeskProcess:
             raise HardwareError(said or "Desk did not start")
 
     def close(self) -> None:
-        """End it."""
         try:
             self._process.communicate(timeout=_END_S)  # its standard input ends
         except subprocess.TimeoutExpired:

@@ -1,9 +1,6 @@
 """HTTPS in front of a DeskBox: paths, sign-in and codes. One thread a connection; nothing here is in real time.
 
-python -m sim_robot.desk.server FLAGS_DESCRIPTOR PORT SELF_TEST_DUE_S SIDE=ADDRESS...    in the order of the flags
-
-It is started by the process that serves the boxes' FCI (sim_robot.desk.process), and ended with it.
-"""
+python -m sim_robot.desk.server FLAGS_DESCRIPTOR PORT SELF_TEST_DUE_S SIDE=ADDRESS...    in the order of the flags"""
 
 import base64
 import datetime
@@ -185,7 +182,6 @@ class DeskServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, address: str, port: int, box: DeskBox) -> None:
-        """Listen. Raises OSError."""
         self.box = box
         self._context = server_context(address)
         super().__init__((address, port), _Handler)
@@ -201,7 +197,6 @@ class DeskServer(ThreadingHTTPServer):
         """Say nothing of a client that hung up, or did not want this certificate."""
 
     def finish_request(self, request: Any, client_address: Any) -> None:
-        """Make the handshake, and serve."""
         if isinstance(request, ssl.SSLSocket):
             request.do_handshake()
         super().finish_request(request, client_address)

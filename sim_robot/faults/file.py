@@ -17,10 +17,7 @@ class FaultNeedsLink(ConfigurationError):
 
 
 def load_faults(path: Path, sides: Sequence[str] = SIDES) -> tuple[ScriptedFault, ...]:
-    """Read a faults file for a cell with these arms (Scene.sides).
-
-    Raises ConfigurationError: one line with the file, the line if known, the key, the remedy.
-    """
+    """Read a faults file for a cell with these arms. Raises ConfigurationError with one line: place, key, remedy."""
     document, text = read_toml(path)
     return faults_in(document, str(path), text, sides)
 
@@ -28,10 +25,7 @@ def load_faults(path: Path, sides: Sequence[str] = SIDES) -> tuple[ScriptedFault
 def faults_in(
     document: dict[str, Any], source: str, text: str = "", sides: Sequence[str] = SIDES
 ) -> tuple[ScriptedFault, ...]:
-    """Check a parsed document, for a cell with the arms `sides`. `text` is what it was parsed from, to name lines.
-
-    Raises ConfigurationError.
-    """
+    """Check a parsed document for a cell with these arms; text: its TOML, to name lines. Raises ConfigurationError."""
     for key in document:
         if key != "fault":
             raise ConfigurationError(one_line(f"{source}: unknown key {key!r}; each fault is a [[fault]] table"))

@@ -26,7 +26,6 @@ class FaultyTracker:
         self._frame_t_ns = -1
 
     def update(self) -> None:
-        """Look at the object when a frame is due. The cell calls it once a millisecond."""
         self._inner.update()
         new = self._inner.latest()
         if new.t_ns == self._frame_t_ns:
@@ -41,7 +40,6 @@ class FaultyTracker:
             self._seen.record[:] = new.record
 
     def latest(self) -> ObjectPose:
-        """Return the newest frame. It belongs to the tracker and is overwritten by the next call."""
         self._given.record[:] = self._seen.record
         return self._given
 
@@ -73,7 +71,6 @@ class Injection:
             self.judge()
 
     def judge(self) -> None:
-        """Let the robots react, after the ms."""
         for side, box in enumerate(self._boxes):
             causes = self.causes(side)
             began = any(isinstance(fault.effect, kinds.Reflex) and side in fault.sides for fault in self.schedule.begun)
@@ -100,7 +97,6 @@ class Injection:
         return any(effect.unsafe for effect in self.schedule.effects(kinds.Mode, side))
 
     def off(self, side: int) -> bool:
-        """Whether this arm takes no connections."""
         return any(effect.state == "fci_off" for effect in self.schedule.effects(kinds.Mode, side))
 
     def causes(self, side: int) -> int:
@@ -118,7 +114,7 @@ class Injection:
         return np.sum([(0.0, 0.0, 0.0), *(effect.acceleration for effect in shaken)], axis=0)
 
     def distort(self, side: int, state: np.ndarray, time: str, millisecond: int) -> None:
-        """Make of this arm's state, (1,), what the faults show. time: the field of its stamp, in which one ms is
+        """Make of this arm's state, (1,), what the faults show. time: its stamp's field, of which a ms has
         `millisecond`."""
         self._freeze(side, state, time)
         for effect in self.schedule.effects(kinds.StateNan, side):

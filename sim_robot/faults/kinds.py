@@ -1,7 +1,4 @@
-"""What can go wrong, by the name that a faults file gives as `kind`, with the kind's own keys.
-
-docs/fault_scripts.md has the table, the keys of every kind, and when each begins.
-"""
+"""What can go wrong, by the name that a faults file gives as `kind`, with its own keys: see docs/fault_scripts.md."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -128,7 +125,6 @@ class Mode(Effect, kind="mode"):
 
     @property
     def robot_mode(self) -> RobotMode:
-        """What the arm shows."""
         return MODES[self.state]
 
     @property

@@ -33,7 +33,6 @@ class PlantFaults:
         self._true = {name: plant.motors[name].copy() for name in ("tau_J", "tau_ext")}
 
     def pad_touches_object(self) -> bool:
-        """True while a pad touches the object."""
         data = self._plant.data
         if not data.ncon:
             return False

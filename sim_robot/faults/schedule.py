@@ -46,7 +46,6 @@ class Schedule:
         return self._expire()
 
     def effects(self, kind: type[Kind], side: int) -> list[Kind]:
-        """Return what is active of a kind on an arm."""
         return [fault.effect for fault in self.active if isinstance(fault.effect, kind) and side in fault.sides]
 
     def _is_due(self, fault: ScriptedFault) -> bool:

@@ -1,4 +1,1 @@
-"""The simulated arms behind the Franka Control Interface: TCP 1337, 1 kHz UDP, server version 10.
-
-One process serves all arms of one plant. `rtstack sim` starts it (program.py).
-"""
+"""The simulated arms behind the Franka Control Interface, version 10: one process, one plant (`rtstack sim`)."""

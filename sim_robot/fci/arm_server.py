@@ -56,17 +56,13 @@ def _possible(request: MoveRequest) -> bool:
 
 
 class AnswerTimes:
-    """A histogram of the time from a state to its answer's arrival, by the clock of the host that serves.
-
-    lost: states that got no answer in time.
-    """
+    """A histogram of the times from a state to its answer's arrival, by this host's clock. lost: states without one."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, dtype=np.int64)
         self.lost = 0
 
     def note(self, elapsed_ns: int) -> None:
-        """Count one answer."""
         self._counts[min(elapsed_ns // _BIN_NS, _BINS - 1)] += 1
 
     def report(self) -> str:

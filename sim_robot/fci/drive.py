@@ -173,7 +173,6 @@ class DrivenBox(ControlBox):
         return tau
 
     def singular(self) -> bool:
-        """True where the robot cannot start a Cartesian motion."""
         body = self._scratch[0]
         forward_kinematics(body, np.array(self._state["q"]))
         return bool(np.linalg.svd(body["J"], compute_uv=False).min() < SINGULAR)

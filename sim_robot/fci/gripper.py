@@ -1,11 +1,8 @@
 """The ports of the grippers: 1338, version 3, of the Franka Hand; 1339, version 1, of the vacuum gripper.
 
-Where no such gripper is mounted Connect is refused, and a connection that is ended here is reset: what libfranka makes
-of either, and why, is in docs/reference/compatibility.md.
-
-Source: libfranka-common, research_interface/gripper and research_interface/vacuum_gripper. Not published, and chosen
-here: that several clients may be connected, and ten states a second.
-"""
+Where no such gripper is mounted Connect is refused, and a connection that is ended here is reset: see
+docs/reference/compatibility.md. Source: libfranka-common, research_interface/gripper and vacuum_gripper. Chosen here:
+several clients, and ten states a second."""
 
 import contextlib
 import socket
@@ -42,7 +39,6 @@ class GripperPort(Port):
     def __init__(
         self, poller: Poller, address: str, hand: Hand | None, port: int = GRIPPER_PORT, version: int = GRIPPER_VERSION
     ) -> None:
-        """Listen. Raises OSError."""
         super().__init__(poller, address, port)
         self._hand, self._version = hand, version
         self._targets: dict[Session, tuple[str, int]] = {}  # where the states of each client go
@@ -122,6 +118,5 @@ class GripperPort(Port):
                 self._udp.sendto(state, target)
 
     def close(self) -> None:
-        """Close every socket."""
         self.listen(False)
         self._udp.close()

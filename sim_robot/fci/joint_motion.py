@@ -1,8 +1,6 @@
 """The generator of joint motions: positions and velocities that a client asks for, checked and followed. Compiled.
 
-The limits are the model's (hal/robots), as the arm's settings hold them. What leaves them ends the motion with the
-vendor's error; everything that is broken is named.
-"""
+What leaves the model's limits (hal/robots) ends the motion with the vendor's errors, all that apply."""
 
 from math import sqrt
 

@@ -1,7 +1,4 @@
-"""One arm's sockets: whole checked requests in, answers and states out. Never blocks.
-
-Only one client has the arm; others are turned away when they say Connect.
-"""
+"""One arm's sockets: whole checked requests in, answers and states out. Never blocks. One client has the arm."""
 
 import contextlib
 import socket

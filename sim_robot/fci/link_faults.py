@@ -42,7 +42,6 @@ class FaultyLink(Link):
         super().listen(wanted and not self._injection.off(self._side))
 
     def hang_up(self) -> None:
-        """Close the client's connection."""
         if self.client is not None:
             self._close(self.client)
 
@@ -66,7 +65,6 @@ class FaultyArmServer(ArmServer):
         return super().awaited and not self.link.deaf
 
     def take(self, command: np.void) -> None:
-        """Take a datagram of the client, unless it is lost."""
         if not self._injection.schedule.effects(AnswersLost, self._side):
             super().take(command)
         elif self.patient and self.moving and self.first_id <= int(command["message_id"]) <= self.message_id:

@@ -1,17 +1,12 @@
 """The pace of tests and batch work: the plant goes on when every moving arm has answered.
 
 Deterministic for a client program, whatever the machine does:
-- The plant stands still while no client moves an arm. States go on at 1 kHz of wall-clock time under rising message
-  ids, so an idle server sleeps most of the time, and without any client it only wakes up for new connections.
-- After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
-- Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
-  never. A moving arm whose client has gone, or has not answered for LONGEST_WAIT_S, is not waited for: it loses
-  packets, as on the robot, until the reflex.
-- An asynchronous motion (targets now and then, no answers) and a hand's go on at 1 kHz of wall-clock time, unless
-  an arm's answers set the pace.
-- When the last motion ends, an arm's or a hand's, the plant first comes to rest by itself; the answer that ends the
-  motion, a Move and a recovery wait for that, so that what a client reads next does not depend on when it reads.
-"""
+- The plant stands still while no client moves an arm; states go on at 1 kHz of wall-clock time under rising ids.
+- After Move the plant stands still, and states go on ever more slowly, until each moving arm has answered once.
+- Then a state is shown to all at once, idle arms first, and the plant waits for the answers of moving arms. One whose
+  client has gone, or is silent for LONGEST_WAIT_S, loses packets, as on the robot, until the reflex.
+- An asynchronous motion and a hand's go on at 1 kHz of wall-clock time, unless an arm's answers set the pace.
+- After the last motion the plant comes to rest by itself; its last answer, a Move and a recovery wait for that."""
 
 import time
 from collections.abc import Callable
@@ -53,7 +48,6 @@ class Lockstep:
         self._were_moving = tuple(False for _ in server.arm_servers)
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Serve all arms."""
         server = self._server
         while not stopped():
             server.look_at_desk()

@@ -20,10 +20,9 @@ Deviation = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Largest deviations of the measured pose from the desired one: translation m, rotation rad, elbow rad.
+    """Largest deviations of the measured pose from the desired one: translation m, rotation rad, elbow rad; None: any.
 
-    None where the client does not care. path: at each ms of the motion; goal: at its end.
-    """
+    path: at each ms of the motion; goal: at its end."""
 
     path: Deviation | None = None
     goal: Deviation | None = None

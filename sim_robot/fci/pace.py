@@ -1,18 +1,10 @@
 """When each millisecond of a robot's clock begins, and until when an answer counts. No sockets: instants come in.
 
-1. Milliseconds begin at absolute instants, answered or not. A client that is silent does not slow the robot: 20 lost
-   packets are 20 ms.
-2. A client that answered the last state has a whole millisecond for the present one, from when it was shown: where its
-   last answer came late, the plant's step came late too. This delays a millisecond by one period at most, and so an
-   answer later than 1 ms is lost.
-3. Where the server itself is late by more than a period (its host took the CPU away), the clock stands still for as
-   long, and no client loses packets, unless all awaited clients have been silent for LONGEST_SILENCE states already:
-   who is silent gains no time by it. That time is made up for while everybody who is awaited has answered; beyond
-   LARGEST_LAG_NS it is given up.
-4. An answer counts that the kernel got before the window's end, and one that came while the server was stalled, if it
-   is not from who has been silent for as long. A torque that is later, but within a ms of its state, counts for the
-   next ms; a motion's point does not (arm_server.py).
-"""
+What a client may rely on is in docs/reference/simulated_robot.md (When a robot loses packets). Beyond it:
+- A client that answered late delays a millisecond by one period at most: an answer later than 1 ms is lost.
+- The server's own lateness of more than a period stops the clock, unless all awaited clients have been silent for
+  LONGEST_SILENCE states. It is made up for while all have answered; beyond LARGEST_LAG_NS it is given up.
+- A torque that is late, but within a ms of its state, counts for the next ms; a motion's point does not."""
 
 PERIOD_NS = 1_000_000
 # further behind than this, the robot's time slips instead of being caught up
@@ -52,7 +44,6 @@ class Pace:
         return self.window_ns if punctual else self.deadline_ns
 
     def begin(self, now_ns: int) -> None:
-        """Begin a millisecond."""
         self.lag_ns = max(0, min(self.lag_ns, now_ns - self._scheduled_ns))
         self.ticks += 1
 

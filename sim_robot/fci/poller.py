@@ -79,5 +79,4 @@ class Poller:
         return (entry is None or not entry[0], event[0])
 
     def close(self) -> None:
-        """Release the descriptor."""
         self._epoll.close()

@@ -1,8 +1,6 @@
 """A TCP port of a box: who is connected, and whole checked requests. Never blocks.
 
-Nothing that arrives is trusted: a header with an unknown command or a size that is not that command's closes the
-connection.
-"""
+A header with an unknown command, or a size that is not that command's, closes the connection."""
 
 import socket
 import struct
@@ -34,7 +32,6 @@ class Port:
     most: ClassVar[int]
 
     def __init__(self, poller: Poller, address: str, port: int) -> None:
-        """Listen. Raises OSError."""
         self._poller, self.address, self._port = poller, address, port
         self.refused = 0  # connections and messages that were not trusted
         self._sessions: list[Session] = []

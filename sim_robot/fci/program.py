@@ -86,8 +86,7 @@ def _described(obtained: Obtained) -> str:
 
 
 def _scene_file(name: str) -> Path:
-    """Return where the scene of this name is; of a name that ends in .toml, the file itself. Raises ConfigurationError,
-    naming those that exist."""
+    """Return the file of a scene by its name, or of a path that ends in .toml. Raises ConfigurationError."""
     if name.endswith(".toml"):
         return Path(name)
     scenes = {file.stem: file for file in sorted((OWN_FILES / "scenes").glob("*.toml"))}
@@ -107,7 +106,7 @@ def _explained(error: OSError, sides: tuple[str, ...]) -> str:
 
 
 def _addresses(options: Options) -> dict[str, str]:
-    """Return the address of each arm that is served, by the arm's name. Raises ConfigurationError."""
+    """Return the arms' addresses by name. Raises ConfigurationError."""
     only = None if options.only is None else (options.only,)
     sides = cell_scene(_scene_file(options.scene), options.cell_file, only).sides
     if len(sides) == 1 and options.right_clock != RightClock():
@@ -154,8 +153,7 @@ def end_at_signals() -> None:
 def serve(options: Options, next_step: Callable[[dict[str, str]], str] = lambda addresses: "") -> int:
     """Serve until SIGINT or SIGTERM. Returns 0; 2 for bad input; 1 when the simulation cannot go on.
 
-    next_step: a line to print once it serves, for the arms' addresses by name (left, right).
-    """
+    next_step: a line to print once it serves, for the arms' addresses by name."""
     end_at_signals()
     addresses: dict[str, str] = {}
     try:

@@ -1,11 +1,6 @@
 """The requests of the Franka Control Interface and their answers: version 10, little-endian, packed (hal.wire).
 
-Source: libfranka's public headers (research_interface/robot), held by the tests against a real pylibfranka client.
-
-Which fields are filled by what, which errors come from what, and which replies each request can get is a table of the
-documentation, docs/reference/simulated_robot.md. It is made from docs/generate/fidelity.toml, which the tests compare
-with this module.
-"""
+Source: libfranka's public headers, research_interface/robot. Fields, errors, replies: docs/generate/fidelity.toml."""
 
 import struct
 from enum import IntEnum
@@ -131,5 +126,4 @@ assert PAYLOADS[Command.MOVE].size == 113
 
 
 def response(command: int, command_id: int, body: bytes) -> bytes:
-    """Return an answer with its header."""
     return HEADER.pack(command, command_id, HEADER.size + len(body)) + body

@@ -1,12 +1,8 @@
 """The pace of the robot: 1 kHz by absolute deadlines, answered or not; one clock for all arms, or one each.
 
-With a phase or a drift the right arm has a clock of its own, as two control boxes do. Modelled: each arm's states go
-out, its message ids count, and its answers are due and are applied, at its own instants. Both share one plant, which
-goes on with the left clock: what the right arm shows is at most one plant ms old (as the clocks drift apart, a plant
-state is shown twice, or not at all, once in a while), and a torque of the right arm acts from the plant's next ms on.
-Transport delay, and jitter beyond the host's own, are those of a twin's profile (link_late_us). `pace.py` says who may
-be late, and by how much.
-"""
+With a phase or a drift the right arm has a clock of its own: its states, ids and answers are due at its own instants.
+Both share one plant, which goes on with the left clock: what the right arm shows is at most one plant ms old, and its
+torque acts from the plant's next ms on. A twin's profile delays states (link_late_us). `pace.py`: who may be late."""
 
 import time
 from collections import deque
@@ -49,7 +45,6 @@ class _BoxClock(Pace):
         self.arm_servers = arm_servers
 
     def ends_ns(self) -> int:
-        """Return when the present millisecond ends, as things are now."""
         awaited = [arm_server for arm_server in self.arm_servers if arm_server.awaited]
         return self.end_ns(bool(awaited), any(arm_server.punctual for arm_server in awaited))
 
@@ -58,10 +53,7 @@ class Realtime:
     """Serves until `stopped` says so. stalls: how often the server was over a period late by itself."""
 
     def __init__(self, server: Server, right_clock: RightClock | None = None, slower: float = 1.0) -> None:
-        """Without a right_clock, or with one that is exactly the left one's, all arms share one.
-
-        slower: so many times slower than real time, everything else alike: for hosts that do not keep time.
-        """
+        """right_clock: None, or exactly the left one's, for one clock. slower: so many times slower than real time."""
         self._server = server
         self._slower, self._period_ns = slower, round(slower * PERIOD_NS)
         for arm_server in server.arm_servers:
@@ -74,7 +66,6 @@ class Realtime:
         self._last_stalls: deque[str] = deque(maxlen=STALLS_SAID)
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Serve all arms."""
         server, clock = self._server, time.monotonic_ns
         start = clock()
         if self._right is None:

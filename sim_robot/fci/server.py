@@ -1,8 +1,4 @@
-"""The arms of one plant behind their links, ticked by a pace: in real time or in lockstep.
-
-What a box's Desk lets its FCI do is in docs/reference/simulated_robot.md. libfranka says "Connection to FCI refused"
-where it is off, and "command not possible in the current mode (Other)" where the brakes are locked.
-"""
+"""The arms of one plant behind their links, ticked by a pace: in real time or in lockstep."""
 
 import contextlib
 import functools
@@ -55,8 +51,7 @@ class DeskGate:
 
 
 class TrackerFeed:
-    """Sends each new pose of a tracker once, as a datagram (hal.tracker_link) to one listener. Never blocks; a listener
-    that is not there is no error."""
+    """Sends each new pose of a tracker once, as a datagram (hal.tracker_link), heard or not. Never blocks."""
 
     def __init__(self, tracker: ObjectTracker, listener: tuple[str, int]) -> None:
         self._tracker, self._behind_ns = tracker, 0
@@ -67,11 +62,9 @@ class TrackerFeed:
         self._datagram = np.zeros(1, DATAGRAM)
 
     def publish(self, robot_t_ns: int, plant_t_ns: int) -> None:
-        """Send the newest pose if it was not sent yet, stamped with the robot's time, as far as its clock is right.
+        """Send the newest pose, if it is new, stamped with the robot's time. plant_t_ns: the poses' own time now.
 
-        Call it before the state of that time goes out, so that who has the state has the pose too. plant_t_ns: what the
-        poses' own time is now.
-        """
+        Call it before the state of that time goes out: a client that has the state has the pose too."""
         pose = self._tracker.latest().record
         t_ns = int(pose["t_ns"][0])
         if t_ns == self._sent_t_ns:
@@ -88,7 +81,6 @@ class TrackerFeed:
             self._socket.send(self._datagram.data)
 
     def close(self) -> None:
-        """Release the socket."""
         self._socket.close()
 
 
@@ -180,12 +172,10 @@ class Server:
 
     @property
     def hands_in_use(self) -> bool:
-        """True while a client is connected to a hand, or a hand moves."""
         return self.hands_move or any(gripper.in_use for gripper in self.grippers)
 
     @property
     def hands_move(self) -> bool:
-        """True while a hand's fingers are on their way."""
         return any(hand is not None and hand.busy for hand in self.cell.hands)
 
     def advance(self) -> None:
@@ -201,10 +191,7 @@ class Server:
         self._publish_pose()
 
     def tidy(self, elapsed_s: float) -> bool:
-        """Put the object back once no client was connected for TIDY_AFTER_S, as a person does between two trials.
-
-        Returns whether it stands elsewhere now.
-        """
+        """Put the object back TIDY_AFTER_S after the last client has gone. Returns whether it stands elsewhere now."""
         if self.hands_in_use or any(arm_server.link.client is not None for arm_server in self.arm_servers):
             self._alone_s, self._tidy = 0.0, False
         elif not self._tidy:
@@ -235,7 +222,6 @@ class Server:
         return (max(arm_server.message_id for arm_server in shown) + 1) * 1_000_000
 
     def close(self) -> None:
-        """Close every socket."""
         for arm_server in self.arm_servers:
             arm_server.link.close()
         for gripper in self.grippers:

@@ -103,10 +103,7 @@ class Settings:
         record["face_T_K"] = record["face_T_EE"] @ record["EE_T_K"]
 
     def set_frame(self, name: str, values: tuple[float, ...]) -> None:
-        """Place NE_T_EE, the end effector in its nominal frame, or EE_T_K, the stiffness frame in the end effector.
-
-        values: 16 numbers, column-major.
-        """
+        """Place NE_T_EE, or EE_T_K, the stiffness frame in the end effector. values: 16 numbers, column-major."""
         self.record[name] = _transform(values)
         self._chain()
 
