@@ -73,6 +73,11 @@ def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] 
     return made
 
 
+def fields(kind: str, names: str, *shape: int) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Return the fields of a record that are named by the words of `names`, all of this kind and shape."""
+    return [(name, kind, shape) for name in names.split()]
+
+
 def _type_of(value: Any) -> Any:
     if not isinstance(value, np.ndarray):
         return numba.typeof(value)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from hal.base.arrays import Array
-from hal.compilation import compiled
+from hal.compilation import compiled, fields
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed
 from rtstack.samples import QpStatus
 
@@ -60,16 +60,10 @@ _EXHAUSTED, _WRONG_ANSWER = int(QpStatus.ITERATIONS_EXHAUSTED), int(QpStatus.WRO
 # optimality_error has them
 ACTIVE_SET = np.dtype(
     [
-        ("L", "f8", (7, 7)),
         ("count", "i8"),
         ("limit", "i8", 7),
-        ("normal", "f8", (7, 7)),
-        ("multiplier", "f8", 7),
-        ("new", "f8", 7),
-        ("gram", "f8", (7, 7)),
-        ("factor", "f8", (7, 7)),
-        ("share", "f8", 7),
-        ("step", "f8", 7),
+        *fields("f8", "L normal gram factor", 7, 7),
+        *fields("f8", "multiplier new share step", 7),
         ("multipliers", "f8", 14),
     ]
 )
@@ -86,9 +80,7 @@ class ActiveSetProgram:
     def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
               x: Array) -> tuple[QpStatus, int]:  # fmt: skip
         """See Program. The iterations are how often the active limits changed."""
-        status, changes = solve_active_set(
-            H, gradient, lower, upper, M, tau_lower, tau_upper, x, self._active_set
-        )  # fmt: skip
+        status, changes = solve_active_set(H, gradient, lower, upper, M, tau_lower, tau_upper, x, self._active_set)
         return _STATUS[status], changes
 
 

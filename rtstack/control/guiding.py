@@ -11,7 +11,7 @@ judge stops it.
 
 import numpy as np
 
-from hal.compilation import bound, compiled
+from hal.compilation import bound, compiled, fields
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.control.controller import ArmLaw, ObservedArm
 from rtstack.safety.limits import SafetyLimits
@@ -36,19 +36,12 @@ _OPENING = 4.0  # how much faster than it was led back an arm is let go, so that
 LINES = np.dtype(
     [
         # rest of the lower and of the upper springs; joints rad, then the pad's x y z m. Between them the arm is free
-        ("low", "f8", 10),
-        ("high", "f8", 10),
-        ("line_low", "f8", 10),
-        ("line_high", "f8", 10),
-        ("step", "f8", 10),
-        ("stiffness", "f8", 10),
-        ("damping", "f8", 10),
+        *fields("f8", "low high line_low line_high step stiffness damping", 10),
         # damping where it is free: of the joints, and of the pad
         ("free", "f8", 7),
         ("pad", "f8"),
         # the friction: where each joint's spring is at rest
-        ("rest", "f8", 7),
-        ("breakaway", "f8", 7),
+        *fields("f8", "rest breakaway", 7),
         ("begun", "i8"),
     ]
 )

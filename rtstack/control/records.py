@@ -2,17 +2,16 @@
 
 import numpy as np
 
+from hal.compilation import fields
+
 # One point of a reference of one arm. position m, rotation (3, 3) of T_world_ee, twist m/s rad/s, wrench N Nm,
 # posture xi rad, dxi rad/s, beta rad/s^2
 POINT = np.dtype(
     [
         ("position", "f8", 3),
         ("rotation", "f8", (3, 3)),
-        ("twist", "f8", 6),
-        ("wrench_ff", "f8", 6),
-        ("xi", "f8"),
-        ("dxi", "f8"),
-        ("beta", "f8"),
+        *fields("f8", "twist wrench_ff", 6),
+        *fields("f8", "xi dxi beta"),
     ]
 )
 
@@ -34,21 +33,10 @@ SETPOINT = np.dtype(
 OBSERVER_PARAMETERS = np.dtype(
     [
         ("face", "f8", 3),
-        ("R_joint_ee", "f8", (3, 3)),
-        ("R_world_base", "f8", (3, 3)),
-        ("B_theta", "f8", 7),
-        ("p1", "f8", 7),
-        ("p2", "f8", 7),
-        ("p3", "f8", 7),
-        ("friction_scale", "f8"),
-        ("gravity_share", "f8", 7),
-        ("observer_gain_hz", "f8"),
-        ("period_s", "f8"),
-        ("force_low_n", "f8"),
-        ("force_high_n", "f8"),
-        ("velocity_m_s", "f8"),
-        ("tare_n", "f8"),
-        ("largest_tare_n", "f8"),
+        *fields("f8", "R_joint_ee R_world_base", 3, 3),
+        *fields("f8", "B_theta p1 p2 p3 gravity_share", 7),
+        *fields("f8", "friction_scale observer_gain_hz period_s"),
+        *fields("f8", "force_low_n force_high_n velocity_m_s tare_n largest_tare_n"),
     ]
 )
 
@@ -61,34 +49,21 @@ WORKSPACE = np.dtype(
         ("J", "f8", (6, 7)),
         ("dJdq", "f8", 6),
         ("M", "f8", (7, 7)),
-        ("coriolis", "f8", 7),
-        ("gravity", "f8", 7),
-        ("friction", "f8", 7),
-        ("Lambda_inverse", "f8", (6, 6)),
-        ("sqrt_Lambda", "f8", (6, 6)),
-        ("D", "f8", (6, 6)),
+        *fields("f8", "coriolis gravity friction", 7),
+        *fields("f8", "Lambda_inverse sqrt_Lambda D", 6, 6),
         ("H", "f8", (7, 7)),
-        ("gradient", "f8", 7),
-        ("lower", "f8", 7),
-        ("upper", "f8", 7),
-        ("tau_lower", "f8", 7),
-        ("tau_upper", "f8", 7),
-        ("ddq", "f8", 7),
-        ("tau_previous", "f8", 7),
+        *fields("f8", "gradient lower upper tau_lower tau_upper ddq tau_previous", 7),
         ("force_world", "f8", 3),
-        ("momentum_integral", "f8", 7),
-        ("residual_previous", "f8", 7),
+        *fields("f8", "momentum_integral residual_previous", 7),
         ("observed", "i8"),
         # working memory of the compiled functions, so that none of them allocates
         ("factor", "f8", (7, 7)),
         ("rows", "f8", (6, 7)),
-        ("symmetric", "f8", (6, 6)),
-        ("vectors", "f8", (6, 6)),
+        *fields("f8", "symmetric vectors", 6, 6),
         ("turns", "f8", (3, 2)),
         ("six", "f8", 6),
         ("seven", "f8", 7),
-        ("relative", "f8", (3, 3)),
-        ("turn", "f8", (3, 3)),
+        *fields("f8", "relative turn", 3, 3),
         ("three", "f8", 3),
     ]
 )

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.compilation import compiled
+from hal.compilation import compiled, fields
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Reason, Verdict
 from rtstack.monitor.step import monitor_expect, monitor_step
@@ -29,13 +29,10 @@ TARE_FROM_NS = 100_000_000  # observers and filters have settled; from then to b
 # time_margin: of the later arm's first impact
 PAIR = np.dtype(
     [
-        ("verdict", "i8"),
-        ("reason", "i8"),
-        ("side", "i8"),
+        *fields("i8", "verdict reason side"),
         ("margin", "f8"),
         ("t_verdict_ns", "i8"),
-        ("force", "f8", (2, 3)),
-        ("tare", "f8", (2, 3)),
+        *fields("f8", "force tare", 2, 3),
         ("tared", "i8", 2),
         ("error", "f8", 3),
         ("over", "i8"),
@@ -43,7 +40,7 @@ PAIR = np.dtype(
     ]
 )
 # period_ns: of the tick; decided_ns: before it no grab is expected; later_ns, patience: as in the parameters below
-TIMES = np.dtype([("period_ns", "i8"), ("decided_ns", "i8"), ("later_ns", "i8"), ("patience", "i8")])
+TIMES = np.dtype(fields("i8", "period_ns decided_ns later_ns patience"))
 
 
 def expected_dtype(joints: int) -> np.dtype:
@@ -73,7 +70,6 @@ class NetForceParameters:
     patience: int
 
     def __post_init__(self) -> None:
-        """Check."""
         if not (math.isfinite(self.start_s) and math.isfinite(self.step_s) and self.step_s > 0.0):
             raise ValueError("start_s and step_s have to be numbers, step_s a positive one")
         if not len(self.x_n) == len(self.y_n) == len(self.z_n) > 0:
@@ -110,7 +106,6 @@ class PairParameters:
     net_force: NetForceParameters
 
     def __post_init__(self) -> None:
-        """Check."""
         if not (math.isfinite(self.later_s) and self.later_s > 0.0):
             raise ValueError(f"later_s has to be a positive number, not {self.later_s}")
 

@@ -31,7 +31,6 @@ class MonitorParameters:
     period_s: float = 1e-3  # Delta t of (18)
 
     def __post_init__(self) -> None:
-        """Check."""
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):

@@ -4,6 +4,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from hal.compilation import fields
+
 LONGEST_WINDOW = 63  # ticks: the largest m_max
 
 
@@ -36,14 +38,8 @@ def parameters_dtype(joints: int) -> np.dtype:
     return np.dtype(
         [
             ("residual_rate", "f8", (joints,)),
-            ("window", "i8"),
-            ("delay_ns", "i8"),
-            ("decay", "f8"),
-            ("configuration", "f8"),
-            ("time_ns", "i8"),
-            ("horizon_ns", "i8"),
-            ("velocity", "f8"),
-            ("spacing_ns", "i8"),
+            *fields("f8", "decay configuration velocity"),
+            *fields("i8", "window delay_ns time_ns horizon_ns spacing_ns"),
         ]
     )
 
@@ -54,35 +50,22 @@ def monitor_dtype(joints: int) -> np.dtype:
     instantaneous, post_impact and verdict are of Verdict; the first two are known before the verdict is. margin: 1
     where all is as meant, 0 at the bound of the nearest condition, negative beyond it.
     """
-    n = (joints,)
     return np.dtype(
         [
             # what is expected
-            ("expecting", "i8"),
-            ("t_d_ns", "i8"),
-            ("q_d", "f8", n),
-            # what is said
-            ("verdict", "i8"),
-            ("reason", "i8"),
-            ("joint", "i8"),  # of the envelope that left zero outside, -1 for other reasons
+            *fields("i8", "expecting t_d_ns"),
+            ("q_d", "f8", (joints,)),
+            # what is said; joint: of the envelope that left zero outside, -1 for other reasons
+            *fields("i8", "verdict reason joint"),
             ("margin", "f8"),
-            ("instantaneous", "i8"),
-            ("post_impact", "i8"),
-            # impacts (9)
-            ("impact", "i8"),  # 1 in the tick of an impact
-            ("impacts", "i8"),
-            ("t_first_ns", "i8"),
-            ("t_impact_ns", "i8"),
-            ("since_impact", "i8"),  # ticks
+            *fields("i8", "instantaneous post_impact"),
+            # impacts (9); impact: 1 in the tick of one; since_impact: ticks
+            *fields("i8", "impact impacts t_first_ns t_impact_ns since_impact"),
             # signals: r Nm, its rate (8) Nm/s, e_vel (14) and its envelope (16) rad/s
-            ("rate", "f8", n),
-            ("error", "f8", n),
-            ("lower", "f8", n),
-            ("upper", "f8", n),
+            *fields("f8", "rate error lower upper", joints),
             # memory
-            ("ticks", "i8"),
-            ("t_ns", "i8"),
-            ("residual", "f8", n),
+            *fields("i8", "ticks t_ns"),
+            ("residual", "f8", (joints,)),
             ("head", "i8"),
             ("history", "f8", (LONGEST_WINDOW + 1, joints)),
             ("instantaneous_margin", "f8"),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
+from hal.compilation import fields
 from hal.limits import DOF
 from hal.robots import FR3, RobotModel
 from hal.robots.description import LARGEST_NUMBER_OF_CAPSULES
@@ -24,15 +25,13 @@ CAPSULES = LARGEST_NUMBER_OF_CAPSULES + 1  # room for those of the links, and on
 # furthest point, m
 BODY = np.dtype(
     [
-        ("base_position", "f8", 3),
+        *fields("f8", "base_position face", 3),
         ("base_rotation", "f8", (3, 3)),
         ("translation", "f8", (7, 3)),
         ("rotation", "f8", (7, 3, 3)),
-        ("face", "f8", 3),
         ("first", "i8", LINKS + 1),
         ("ends", "f8", (CAPSULES, 2, 3)),
-        ("radius", "f8", CAPSULES),
-        ("reach", "f8", CAPSULES),
+        *fields("f8", "radius reach", CAPSULES),
     ]
 )
 
@@ -47,7 +46,6 @@ class Base:
     robot: RobotModel = FR3
 
     def __post_init__(self) -> None:
-        """Check it."""
         if not all(map(math.isfinite, self.position)):
             raise ValueError(f"base_position = {list(self.position)}: must be finite")
         if not 1e-6 < math.hypot(*self.orientation_wxyz) < math.inf:
@@ -65,7 +63,6 @@ class Tool:
     orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Check it."""
         if not all(0.0 < length < math.inf for length in self.size):
             raise ValueError(f"size = {list(self.size)}: must be positive and finite")
         if not math.isfinite(self.flange_to_face):

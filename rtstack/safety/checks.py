@@ -28,12 +28,13 @@ S = 1e-9
 
 
 @compiled
-def note(memory, joint, value, bound):
-    """Remember what was found; once a stop is latched its evidence stays."""
+def note(memory, cause, joint, value, bound):
+    """Remember what was found, and return its cause; once a stop is latched its evidence stays."""
     if memory["stopping"] == 0:
         memory["joint"] = joint
         memory["value"] = value
         memory["bound"] = bound
+    return cause
 
 
 @compiled
@@ -55,8 +56,7 @@ def take_time(sample, other, rule, memory):
         memory["seen"] = 1
         return 0
     if gap < 0:
-        note(memory, WHOLE_ARM, gap * S, 0.0)
-        return TIME_BACKWARDS
+        return note(memory, TIME_BACKWARDS, WHOLE_ARM, gap * S, 0.0)
     if memory["seen"] == 1:
         if gap > 0:
             memory["seen"] = 2
@@ -68,14 +68,11 @@ def take_time(sample, other, rule, memory):
     else:
         memory["stale_ns"] += max(gap, TICK_NS)
     if gap > rule["gap_max_ns"]:
-        note(memory, WHOLE_ARM, gap * S, rule["gap_max_ns"] * S)
-        return STATE_GAP
+        return note(memory, STATE_GAP, WHOLE_ARM, gap * S, rule["gap_max_ns"] * S)
     if memory["stale_ns"] > rule["gap_max_ns"]:
-        note(memory, WHOLE_ARM, memory["stale_ns"] * S, rule["gap_max_ns"] * S)
-        return STATE_AGE
+        return note(memory, STATE_AGE, WHOLE_ARM, memory["stale_ns"] * S, rule["gap_max_ns"] * S)
     if other["silent_ns"] > rule["skew_max_ns"]:
-        note(memory, WHOLE_ARM, other["silent_ns"] * S, rule["skew_max_ns"] * S)
-        return PAIR_SKEW
+        return note(memory, PAIR_SKEW, WHOLE_ARM, other["silent_ns"] * S, rule["skew_max_ns"] * S)
     return 0
 
 
@@ -85,8 +82,7 @@ def find_not_finite(sample, residual, memory):
     for i in range(7):
         total = sample["q"][i] + sample["dq"][i] + sample["tau_J"][i] + sample["tau_ext_hat_filtered"][i]
         if not math.isfinite(total + sample["tau_desired"][i] + residual[i]):
-            note(memory, i, math.nan, 0.0)
-            return NOT_FINITE
+            return note(memory, NOT_FINITE, i, math.nan, 0.0)
     total = 0.0
     for i in range(6):
         total += sample["O_F_ext_hat_K"][i]
@@ -94,8 +90,7 @@ def find_not_finite(sample, residual, memory):
         for j in range(4):
             total += sample["O_T_EE"][i, j]
     if not math.isfinite(total):
-        note(memory, WHOLE_ARM, math.nan, 0.0)
-        return NOT_FINITE
+        return note(memory, NOT_FINITE, WHOLE_ARM, math.nan, 0.0)
     return 0
 
 
@@ -109,32 +104,25 @@ def find_joint(sample, residual, rule, memory):
         # where a stop that begins now would end
         travel = dq * rule["reaction"] + dq * abs(dq) / (2.0 * rule["braking"][i])
         if q + max(travel, 0.0) > upper:
-            note(memory, i, q + max(travel, 0.0), upper)
-            return JOINT_POSITION
+            return note(memory, JOINT_POSITION, i, q + max(travel, 0.0), upper)
         if q + min(travel, 0.0) < lower:
-            note(memory, i, q + min(travel, 0.0), lower)
-            return JOINT_POSITION
+            return note(memory, JOINT_POSITION, i, q + min(travel, 0.0), lower)
         # the velocity law of the arm, see hal.limits
         room = upper - q if dq > 0.0 else q - lower
         fastest = math.sqrt(2.0 * rule["deceleration"][i] * room) - rule["velocity_offset"][i]
         fastest = min(rule["dq_max"][i], max(0.0, fastest))
         if abs(dq) > fastest:
-            note(memory, i, dq, fastest)
-            return JOINT_VELOCITY
+            return note(memory, JOINT_VELOCITY, i, dq, fastest)
         if abs(sample["tau_J"][i]) > rule["tau_J_max"][i]:
-            note(memory, i, sample["tau_J"][i], rule["tau_J_max"][i])
-            return MEASURED_TORQUE
+            return note(memory, MEASURED_TORQUE, i, sample["tau_J"][i], rule["tau_J_max"][i])
         if abs(sample["tau_ext_hat_filtered"][i]) > rule["tau_ext_max"][phase, i]:
-            note(memory, i, sample["tau_ext_hat_filtered"][i], rule["tau_ext_max"][phase, i])
-            return EXTERNAL_TORQUE
+            return note(memory, EXTERNAL_TORQUE, i, sample["tau_ext_hat_filtered"][i], rule["tau_ext_max"][phase, i])
         if abs(residual[i]) > rule["tau_ext_max"][phase, i]:
-            note(memory, i, residual[i], rule["tau_ext_max"][phase, i])
-            return RESIDUAL
+            return note(memory, RESIDUAL, i, residual[i], rule["tau_ext_max"][phase, i])
     x, y, z = sample["O_F_ext_hat_K"][0], sample["O_F_ext_hat_K"][1], sample["O_F_ext_hat_K"][2]
     force = math.sqrt(x * x + y * y + z * z)
     if force > rule["force_max"][phase]:
-        note(memory, WHOLE_ARM, force, rule["force_max"][phase])
-        return FORCE
+        return note(memory, FORCE, WHOLE_ARM, force, rule["force_max"][phase])
     return 0
 
 
@@ -144,25 +132,20 @@ def find_arm(sample, other, rule, memory):
     for a in range(3):
         place = memory["face_world"][a]
         if place < rule["ee_lower"][a]:
-            note(memory, WHOLE_ARM, place, rule["ee_lower"][a])
-            return WORKSPACE
+            return note(memory, WORKSPACE, WHOLE_ARM, place, rule["ee_lower"][a])
         if place > rule["ee_upper"][a]:
-            note(memory, WHOLE_ARM, place, rule["ee_upper"][a])
-            return WORKSPACE
+            return note(memory, WORKSPACE, WHOLE_ARM, place, rule["ee_upper"][a])
     x, y, z = memory["face_velocity"]
     speed = math.sqrt(x * x + y * y + z * z)
     if speed > rule["ee_speed_max"]:
-        note(memory, WHOLE_ARM, speed, rule["ee_speed_max"])
-        return SPEED
+        return note(memory, SPEED, WHOLE_ARM, speed, rule["ee_speed_max"])
     power = 0.0
     for i in range(7):
         power += sample["tau_J"][i] * sample["dq"][i]
     if abs(power) > rule["power_max"]:
-        note(memory, WHOLE_ARM, power, rule["power_max"])
-        return POWER
+        return note(memory, POWER, WHOLE_ARM, power, rule["power_max"])
     if other["placed"] != 0:
         distance = arm_distance(memory, other, rule, rule["arm_distance_min"])
         if distance < rule["arm_distance_min"]:
-            note(memory, WHOLE_ARM, distance, rule["arm_distance_min"])
-            return ARM_DISTANCE
+            return note(memory, ARM_DISTANCE, WHOLE_ARM, distance, rule["arm_distance_min"])
     return 0

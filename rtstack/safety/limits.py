@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array, Seven, seven
+from hal.compilation import fields as record_fields
 from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, CollisionBehaviour, HoldBounds, OwnLimits
 from hal.robots import FR3, RobotModel
 
@@ -219,11 +220,9 @@ def hardware_limits(robot: RobotModel = FR3) -> SafetyLimits:
 # (the measured one), tau_step: Nm a tick
 CONTROL_LIMITS = np.dtype(
     [
-        *((name, "f8", 7) for name in ("q_lower", "q_upper", "dq_max", "velocity_offset", "deceleration", "braking")),
-        *((name, "f8", 7) for name in ("tau_max", "tau_J_max")),
-        ("push_max", "f8", 7),
-        ("tau_step", "f8"),
-        ("approach_s", "f8"),
+        *record_fields("f8", "q_lower q_upper dq_max velocity_offset deceleration braking", 7),
+        *record_fields("f8", "tau_max tau_J_max push_max", 7),
+        *record_fields("f8", "tau_step approach_s"),
     ]
 )
 

@@ -5,40 +5,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.compilation import fields
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.safety.body import BODY, CAPSULES, LINKS
 from rtstack.safety.limits import RATE_FRACTION, ForcePhase, SafetyLimits
 
 RULES = np.dtype(
     [
-        ("q_lower", "f8", 7),
-        ("q_upper", "f8", 7),
-        ("dq_max", "f8", 7),
-        ("velocity_offset", "f8", 7),
-        ("deceleration", "f8", 7),
-        ("tau_max", "f8", 7),
-        ("tau_J_max", "f8", 7),
+        *fields("f8", "q_lower q_upper dq_max velocity_offset deceleration tau_max tau_J_max", 7),
         ("tau_ext_max", "f8", (len(ForcePhase), 7)),
         ("force_max", "f8", len(ForcePhase)),
-        ("braking", "f8", 7),
-        ("stiffness", "f8", 7),
-        ("damping", "f8", 7),
-        ("reaction", "f8"),
-        ("hold_share", "f8"),
-        ("tau_step", "f8"),
-        ("dt", "f8"),
-        ("power_max", "f8"),
-        ("ee_lower", "f8", 3),
-        ("ee_upper", "f8", 3),
-        ("ee_speed_max", "f8"),
-        ("arm_distance_min", "f8"),
-        ("gap_max_ns", "i8"),
-        ("skew_max_ns", "i8"),
+        *fields("f8", "braking stiffness damping", 7),
+        *fields("f8", "reaction hold_share tau_step dt power_max ee_speed_max arm_distance_min"),
+        *fields("f8", "ee_lower ee_upper", 3),
+        *fields("i8", "gap_max_ns skew_max_ns"),
         *[(name, *kind) for name, *kind in BODY.descr],
         # of the other arm
         ("other_capsules", "i8"),
-        ("other_radius", "f8", CAPSULES),
-        ("other_reach", "f8", CAPSULES),
+        *fields("f8", "other_radius other_reach", CAPSULES),
     ]
 )
 
@@ -46,35 +30,19 @@ RULES = np.dtype(
 # bound: what was found. silent_ns: how long the other arm has gone on without a new state of this one.
 MEMORY = np.dtype(
     [
-        ("tau_applied", "f8", 7),
-        ("tau_hold", "f8", 7),
-        ("q_hold", "f8", 7),
-        ("dq_hold", "f8", 7),
-        ("phase", "i8"),  # a ForcePhase, which the session writes
-        ("stopping", "i8"),
-        ("reason", "i8"),
-        ("limited", "i8"),  # ticks in a row
-        ("joint", "i8"),
-        ("value", "f8"),
-        ("bound", "f8"),
+        *fields("f8", "tau_applied tau_hold q_hold dq_hold", 7),
+        # phase: a ForcePhase, which the session writes; limited: ticks in a row
+        *fields("i8", "phase stopping reason limited joint"),
+        *fields("f8", "value bound"),
         # the last state: its stamp; seen 1 after the first state, 2 when its clock has moved; how long nothing changed
-        ("t_ns", "i8"),
-        ("seen", "i8"),
-        ("stale_ns", "i8"),
-        ("silent_ns", "i8"),
-        ("q", "f8", 7),
-        ("dq", "f8", 7),
-        ("tau_J", "f8", 7),
+        *fields("i8", "t_ns seen stale_ns silent_ns"),
+        *fields("f8", "q dq tau_J", 7),
         # where the arm is: the pad's face m and m/s, the capsules' axes, the joints' axes and origins, in the world
         ("placed", "i8"),
-        ("face_world", "f8", 3),
-        ("face_velocity", "f8", 3),
+        *fields("f8", "face_world face_velocity place", 3),
         ("ends_world", "f8", (CAPSULES, 2, 3)),
-        ("axes", "f8", (7, 3)),
-        ("origins", "f8", (7, 3)),
-        ("turn", "f8", (3, 3)),
-        ("next", "f8", (3, 3)),
-        ("place", "f8", 3),
+        *fields("f8", "axes origins", 7, 3),
+        *fields("f8", "turn next", 3, 3),
     ]
 )
 
@@ -102,9 +70,9 @@ def rules(
     """Return the RULES (1,), read-only. body, other: of this arm and of the other one, by default the same."""
     record = np.zeros(1, RULES)
     rule = record[0]
-    for name in ("q_lower", "q_upper", "dq_max", "tau_max", "tau_J_max", "power_max"):
+    for name in ("q_lower", "q_upper", "dq_max", "tau_max", "tau_J_max"):
         rule[name] = getattr(limits, name)
-    for name in ("ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min"):
+    for name in ("power_max", "ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min"):
         rule[name] = getattr(limits, name)
     rule["tau_ext_max"], rule["force_max"] = limits.tau_ext_by_phase, limits.force_by_phase
     rule["velocity_offset"], rule["deceleration"] = limits.arm.velocity_offset, limits.arm.deceleration

@@ -63,15 +63,13 @@ def clip(sample, rule, memory, wanted):
         tau = wanted[i]
         bound = rule["tau_max"][i]
         if abs(tau) > bound:
-            note(memory, i, tau, bound)
+            reason = note(memory, TORQUE, i, tau, bound)
             tau = min(max(tau, -bound), bound)
-            reason = TORQUE
         last = min(max(memory["tau_applied"][i], -bound), bound)
         lowest, highest = last - rule["tau_step"], last + rule["tau_step"]
         if tau < lowest or tau > highest:
             if reason == 0:
-                note(memory, i, tau - last, rule["tau_step"])
-                reason = TORQUE_RATE
+                reason = note(memory, TORQUE_RATE, i, tau - last, rule["tau_step"])
             tau = min(max(tau, lowest), highest)
         sample["tau_applied"][i] = tau
     return reason
