@@ -28,7 +28,7 @@ class End(StrEnum):
 
     @classmethod
     def in_reason(cls, reason: str | None) -> "End":
-        """Return the end that a failure's reason begins with (rtstack.trials.scoring); COMPLETED without one."""
+        """Return the end that a failure's reason begins with (SessionOutcome.problem); COMPLETED without one."""
         found = [end for end in cls if reason is not None and (reason == end or reason.startswith(f"{end}: "))]
         return found[0] if found else cls.COMPLETED
 

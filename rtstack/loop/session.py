@@ -136,6 +136,13 @@ class SessionOutcome:
     real_time_factor: float
     fault: Fault | None = None
 
+    @property
+    def problem(self) -> str | None:
+        """Why it failed, in one line; None where it came to its end and the judge changed no torque."""
+        if self.end is not End.COMPLETED:
+            return f"{self.end}: {self.detail}" if self.detail else str(self.end)
+        return f"the safety judge changed {self.safety_interventions} torques" if self.safety_interventions else None
+
 
 class Session:
     """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log).

@@ -26,9 +26,8 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.result import PlaybackResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.scoring import failure_reason
 from rtstack.trials.sight import object_before
-from rtstack.trials.specification import FASTEST, SLOWEST, PlaybackSpecification, like
+from rtstack.trials.specification import FASTEST, SLOWEST, PlaybackSpecification
 from rtstack.trials.start_motion import StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -148,13 +147,11 @@ class PreparedPlayback(PreparedRun[PlaybackResult]):
         with Run(self.description, self.parameters, plan, self.limits, context, way) as run:
             run.share = lambda: source.share
             outcome = run.follow(cell)
-            reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
-            result = like(
-                PlaybackResult, specification, outcome, success=reason is None, failure_reason=reason, cell=cell.name,
-                played_s=source.place_s, duration_s=self.duration_s,
-                largest_error_mm=source.largest_error_m * 1e3 if source.begun else None, log=run.log_name,
+            return run.finished(
+                PlaybackResult, outcome.problem, specification, outcome, played_s=source.place_s,
+                duration_s=self.duration_s,
+                largest_error_mm=source.largest_error_m * 1e3 if source.begun else None,
             )  # fmt: skip
-            return run.finished(result)
 
     @property
     def start(self) -> NDArray:

@@ -145,11 +145,7 @@ ControllerFactory = Callable[[ControllerRequest], Controller]
 
 def following(strategy: Strategy) -> ControllerFactory:
     """Return the factory of the QP controller with a strategy's modes."""
-
-    def make(request: ControllerRequest) -> CellController:
-        return request.pair(request.modes(strategy))
-
-    return make
+    return lambda request: request.pair(request.modes(strategy))
 
 
 def cell_controller(

@@ -7,7 +7,7 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.loop.history import Columns
-from rtstack.loop.session import SessionOutcome, SessionPlan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.safety.limits import ForcePhase
@@ -19,8 +19,8 @@ from rtstack.trials.object import check_object, check_two_arms
 from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.scoring import SuccessCriterion, failure_reason, score
-from rtstack.trials.specification import DemonstrationSpecification, like
+from rtstack.trials.scoring import SuccessCriterion, score
+from rtstack.trials.specification import DemonstrationSpecification
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -73,9 +73,17 @@ def run_demonstration(
     stiffness = parameters.control.stiffness_teleoperation
     plan = SessionPlan(targets, targets, Mode.TELEOPERATION, stiffness, period_s, phase=ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
-        settle = partial(settle_load, description, specification.object, context)
-        outcome = run.follow(cell, settle=settle)
-        return run.finished(_result(specification, description, cell.name, outcome, run))
+        outcome = run.follow(cell, settle=partial(settle_load, description, specification.object, context))
+        impact_s, columns, reason = run.first_impact_s, run.history.columns(), outcome.problem
+        values = score(columns, outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())
+        if reason is None and impact_s is None:
+            reason = "no impact was detected"
+        elif reason is None and impact_s is not None:
+            held_ns = outcome.start_t_ns + round(1e9 * (impact_s + HELD_AFTER_S))
+            reason = _apart(columns, description, specification.object, held_ns)
+        return run.finished(
+            DemonstrationResult, reason, specification, values, outcome, detected_impact_time_s=impact_s
+        )
 
 
 def _apart(columns: Columns, description: CellDescription, name: str, t_ns: int) -> str | None:
@@ -95,21 +103,3 @@ def _apart(columns: Columns, description: CellDescription, name: str, t_ns: int)
                 f" ({there}) mm: measure bases and tracker again (rtstack calibrate)"
             )
     return None
-
-
-def _result(
-    specification: DemonstrationSpecification, description: CellDescription, cell: str, outcome: SessionOutcome,
-    run: Run,
-) -> DemonstrationResult:  # fmt: skip
-    impact_s = run.first_impact_s
-    values = score(run.history.columns(), outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())
-    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
-    if reason is None and impact_s is None:
-        reason = "no impact was detected"
-    if reason is None and impact_s is not None:
-        held_ns = outcome.start_t_ns + round(1e9 * (impact_s + HELD_AFTER_S))
-        reason = _apart(run.history.columns(), description, specification.object, held_ns)
-    return like(
-        DemonstrationResult, specification, values, outcome, success=reason is None, failure_reason=reason, cell=cell,
-        detected_impact_time_s=impact_s, log=run.log_name,
-    )  # fmt: skip

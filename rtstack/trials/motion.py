@@ -12,7 +12,6 @@ from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.result import Result
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.scoring import failure_reason
 from rtstack.trials.start_motion import StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -62,6 +61,6 @@ def run_motion(
     """
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         outcome = run.follow(cell)
-        reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+        reason = outcome.problem
         incomplete = run.close({"success": reason is None, "failure_reason": reason})
     return reason or incomplete, run.history.columns()

@@ -30,9 +30,8 @@ from rtstack.trials.placement import blocks_start
 from rtstack.trials.result import GuideResult, MoveResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
-from rtstack.trials.scoring import failure_reason
 from rtstack.trials.sight import object_before
-from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification, like
+from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification
 from rtstack.trials.start_motion import MeasuredPoints, StartMotion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -93,12 +92,10 @@ class PreparedMove(PreparedRun[MoveResult]):
         with Run(description, parameters, plan, limits, context.with_watchdog(mover), None) as run:
             run.share = lambda: mover.share
             outcome = run.follow(cell)
-            reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions) or mover.problem or None
-            result = like(
-                MoveResult, specification, outcome, success=reason is None, failure_reason=reason, motion=str(motion),
-                cell=cell.name, lowered_mm=1e3 * mover.lowered_m, log=run.log_name,
+            return run.finished(
+                MoveResult, outcome.problem or mover.problem or None, specification, outcome, motion=str(motion),
+                lowered_mm=1e3 * mover.lowered_m,
             )  # fmt: skip
-            return run.finished(result)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,16 +137,12 @@ class PreparedGuide(PreparedRun[GuideResult]):
         context = context.with_watchdog(hand)
         with Run(description, parameters, plan, guided_limits(limits, where), context, None) as run:
             outcome = run.follow(cell, controller)
-            ended = outcome.end in _RELEASED
-            reason = None if ended else failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+            reason = None if outcome.end in _RELEASED else outcome.problem
             there = where if outcome.end is End.HARDWARE else where_arms_stand(description, cell)
-            result = GuideResult(
-                success=reason is None, failure_reason=reason, cell=cell.name,
-                pads=tuple(tuple(face) for face in there.face.round(4).tolist()),
+            return run.finished(
+                GuideResult, reason, outcome, pads=tuple(tuple(face) for face in there.face.round(4).tolist()),
                 beyond_before=before, beyond_after=beyond(limits, there, sides),
-                safety_interventions=outcome.safety_interventions, log=run.log_name,
             )  # fmt: skip
-            return run.finished(result)
 
 
 def holds(cell: Cell, description: CellDescription) -> bool:

@@ -8,11 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.base.arrays import Array
 from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.tracker import ObjectPose
-from rtstack.loop.history import Columns
 from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.placement import carried
@@ -25,9 +23,8 @@ from rtstack.trials.object import check_object, check_two_arms
 from rtstack.trials.result import PlacementResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.scoring import failure_reason
 from rtstack.trials.sight import object_before
-from rtstack.trials.specification import PlacementSpecification, like
+from rtstack.trials.specification import PlacementSpecification
 from rtstack.trials.start_motion import StartMotion, blocked_start, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -70,26 +67,23 @@ class PreparedPlacement(PreparedRun[PlacementResult]):
         )
         with Run(description, parameters, plan, limits, context, way) as run:
             outcome = run.follow(cell)
-            reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
-            carried_out = reason is None
-            off_mm = off_deg = float("nan")
-            short: tuple[float | None, ...] = (None, None, None)
+            reason, forces = outcome.problem, run.history.columns().arm["O_F_ext_hat_K"][..., :3]
+            off: tuple[float | None, float | None] = (None, None)
+            short: tuple[float | None, float | None, float | None] = (None, None, None)
             try:
                 now = object_stands(cell, description, specification.object)
-                off_mm, off_deg = difference(now, wanted)
+                off = off_mm, off_deg = difference(now, wanted)
                 turn = degrees(_folded(wanted.yaw_rad - now.yaw_rad))
                 short = (1e3 * (wanted.x_m - now.x_m), 1e3 * (wanted.y_m - now.y_m), turn)
+                if reason is None and (off_mm > NEAR_MM or off_deg > NEAR_DEG):
+                    reason = f"the object stands {off_mm:.1f} mm and {off_deg:.1f} degrees from where it is wanted"
             except TrialError as error:
                 reason = reason or str(error)
-            if reason is None and (off_mm > NEAR_MM or off_deg > NEAR_DEG):
-                reason = f"the object stands {off_mm:.1f} mm and {off_deg:.1f} degrees from where it is wanted"
-            result = like(
-                PlacementResult, specification, outcome, success=reason is None, failure_reason=reason, cell=cell.name,
-                carried=carried_out, off_mm=_known(off_mm), off_deg=_known(off_deg),
-                short_x_mm=short[0], short_y_mm=short[1], short_yaw_deg=short[2],
-                peak_force_n=_peak_force(run.history.columns()), log=run.log_name,
+            return run.finished(
+                PlacementResult, reason, specification, outcome, carried=outcome.problem is None, off_mm=off[0],
+                off_deg=off[1], short_x_mm=short[0], short_y_mm=short[1], short_yaw_deg=short[2],
+                peak_force_n=float(np.linalg.norm(forces, axis=-1).max(initial=0.0)),
             )  # fmt: skip
-            return run.finished(result)
 
 
 def _check_box(targets: NDArray[np.void], limits: PairLimits) -> None:
@@ -184,12 +178,3 @@ def difference(stands: Displacement, wanted: Displacement) -> tuple[float, float
 def _folded(angle: float) -> float:
     """Return an angle between -90 and 90 degrees, rad, of what looks the same after half a turn."""
     return (angle + pi / 2.0) % pi - pi / 2.0
-
-
-def _peak_force(columns: Columns) -> float:
-    forces: Array = columns.arm["O_F_ext_hat_K"][..., :3]
-    return float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
-
-
-def _known(value: float) -> float | None:
-    return None if np.isnan(value) else value

@@ -38,6 +38,7 @@ from rtstack.trials.assembly import (
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext, RunEvent
+from rtstack.trials.specification import like
 from rtstack.trials.start_motion import MeasuredPoints, StartMotion, led_in
 from rtstack.trials.tightening import limits_of_arms, limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
@@ -150,6 +151,7 @@ class Run:
         self.failed: str | None = None  # why an operator's program has, by the event that it reported so
         self._run_events: list[RunEvent] = []
         self._began_ns = 0  # the way to the start, by the robot's time
+        self._cell = ""
 
     def __enter__(self) -> Self:
         return self
@@ -158,8 +160,11 @@ class Run:
         if kind is not None and self._log is not None:
             self._log.abandon()
 
-    def finished(self, result: Kind) -> Kind:
-        """Close the log with the result. A run whose evidence is incomplete has failed, whatever the arms did."""
+    def finished(self, kind: type[Kind], reason: str | None, *records: Any, **more: Any) -> Kind:
+        """Close the log with a result of this kind, made as by `like`, and return it. reason: why the run failed, None
+        for a success. One whose evidence is incomplete has failed, whatever the arms did."""
+        more |= {"success": reason is None, "failure_reason": reason, "cell": self._cell, "log": self.log_name}
+        result = like(kind, *records, **more)
         incomplete = self.close(result.as_dict())
         return result if incomplete is None else replace(result, success=False, failure_reason=incomplete)
 
@@ -179,7 +184,7 @@ class Run:
 
         settle: does something about a load that is still held, and says what in one line.
         """
-        self._limits = limits_of_cell(self._limits, cell)
+        self._cell, self._limits = cell.name, limits_of_cell(self._limits, cell)
         controller = cell_controller(
             self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
         )

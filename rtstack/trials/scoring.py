@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from hal.base.arrays import Array
 from hal.robots import FR3
-from rtstack.loop.end import End
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
 from rtstack.samples import Mode
@@ -188,19 +187,12 @@ def _followed(
     return bool(gone[during].max(initial=0.0) > criterion.pushed_m and apart.max(initial=0.0) <= criterion.apart_m)
 
 
-def failure_reason(
-    end: End, detail: str, interventions: int, values: Score | None = None, motion: Motion = Motion.GRAB
-) -> str | None:
-    """Return why a trial failed, None for a success. Without values the object does not matter."""
-    if end is not End.COMPLETED:
-        return f"{end}: {detail}" if detail else str(end)
-    if interventions:
-        return f"the safety judge changed {interventions} torques"
-    if values is not None and values.by_pads:
-        return None if values.held else "the pads did not hold the object until release, by their gap and force"
-    if values is not None and not values.seen:
+def object_problem(values: Score, motion: Motion) -> str | None:
+    """Return why a trial failed whose session did not, by what the object did; None for a success."""
+    if values.held:
+        return None
+    if values.by_pads:
+        return "the pads did not hold the object until release, by their gap and force"
+    if not values.seen:
         return "the object was never seen: no pose of the tracker arrived; see [tracker] in the cell's file"
-    if values is not None and not values.held:
-        what = "held" if motion is Motion.GRAB else "pushed along"
-        return f"the object was not {what} until release"
-    return None
+    return f"the object was not {'held' if motion is Motion.GRAB else 'pushed along'} until release"

@@ -158,8 +158,9 @@ def start_motion(
     if cell.link is None:
         return None
     limits = description.start_motion
-    displacement = Displacement.of(displacement)
-    place = _object_place(description, object_name, displacement)
+    thing, put, place = description.objects.get(object_name), Displacement.of(displacement), None
+    if thing is not None:  # standing on the table
+        place = np.array([put.x_m, put.y_m, description.table.top_z + thing.size[2] / 2.0])
     pose = None if place is None else object_before(cell, description)
     if place is not None and pose is not None and pose.record["seen"][0]:
         check_place(description, pose, place)
@@ -189,8 +190,8 @@ def start_motion(
     path = JointPath.between(now, goal, limits)
     fastest = min(SLOW_M_S, *(CONTROL_PAD_SPEED_FRACTION * own.ee_speed_max for own in limits_of_arms(description)))
     path = replace(path, duration_s=path.duration_s * max(1.0, _pad_speed(path, arms) / fastest))
-    thing = None if place is None else _box(place, displacement.yaw_rad, description.objects[object_name])
-    _look_along(path, arms, description, thing)
+    box = None if thing is None or place is None else _box(place, put.yaw_rad, thing)
+    _look_along(path, arms, description, box)
     return StartMotion(path, limits)
 
 
@@ -222,12 +223,6 @@ def _pad_box(arm: ArmController, q: Array, size: tuple[float, float, float]) -> 
     centre = work["position"] - work["rotation"][:, 2] * half[2]
     reach = np.abs(work["rotation"]) @ half
     return np.stack([centre - reach, centre + reach])
-
-
-def _object_place(description: CellDescription, name: str, put: Displacement) -> Array | None:
-    """Return where the object's centre is to be, (3,) m: standing on the table. None for no object."""
-    thing = description.objects.get(name)
-    return None if thing is None else np.array([put.x_m, put.y_m, description.table.top_z + thing.size[2] / 2.0])
 
 
 def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:

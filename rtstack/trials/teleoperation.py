@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -39,8 +39,7 @@ from rtstack.trials.object import check_object
 from rtstack.trials.result import TeleoperationResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext, RunEvent
-from rtstack.trials.scoring import failure_reason
-from rtstack.trials.specification import TeleoperationSpecification, like
+from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -209,13 +208,11 @@ def run_teleoperation(
         cut_off = specification.recorded and source.lost  # the operator did not end this recording
         end = End.COMPLETED if outcome.end in _AS_WANTED and not cut_off else outcome.end
         detail = host.problem if host is not None and host.problem and end is End.POLICY_QUIET else outcome.detail
-        reason = failure_reason(end, detail, outcome.safety_interventions) or run.failed
-        result = like(
-            TeleoperationResult, specification, outcome, success=reason is None, failure_reason=reason,
-            moved=source.moved, cell=cell.name, detected_impact_time_s=run.first_impact_s,
-            duration_s=run.history.ticks * TICK_NS * 1e-9, log=run.log_name,
+        return run.finished(
+            TeleoperationResult, replace(outcome, end=end, detail=detail).problem or run.failed, specification, outcome,
+            moved=source.moved, detected_impact_time_s=run.first_impact_s,
+            duration_s=run.history.ticks * TICK_NS * 1e-9,
         )  # fmt: skip
-        return run.finished(result)
 
 
 RATE_HZ = 20.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S
-from rtstack.loop.session import SessionOutcome, SessionPlan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import NO_TRACKER, CellDescription, base_poses
 from rtstack.monitor.pair import PairParameters
 from rtstack.monitor.records import Verdict
@@ -32,8 +32,8 @@ from rtstack.trials.object import check_object, check_two_arms
 from rtstack.trials.result import TrialResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext, RunEvent
-from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
-from rtstack.trials.specification import TrialSpecification, like
+from rtstack.trials.scoring import SuccessCriterion, object_problem, score
+from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
 
@@ -188,32 +188,19 @@ def run_trial(
             [robot.urdf for robot in prepared.description.robots],
             base_poses(prepared.description), prepared.description.tracker.kind == NO_TRACKER,
         )  # fmt: skip
-        return run.finished(_result(prepared, cell.name, outcome, values, run))
-
-
-def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, run: Run) -> TrialResult:
-    reason = failure_reason(
-        outcome.end, outcome.detail, outcome.safety_interventions, values, prepared.reference.motion
-    )
-    if prepared.shadow:
-        reason = "shadow: no torque was sent" + (f"; the loop ended by: {reason}" if reason else "")
-    monitor = run.monitor
-    decided = monitor is not None and monitor.verdict is not Verdict.NONE
-    return like(
-        TrialResult,
-        prepared.specification,
-        values,
-        success=reason is None,
-        failure_reason=reason,
-        object_observed=values.seen,
-        cell=cell,
-        nominal_impact_time_s=prepared.reference.nominal_impact_s,
-        impact_verdict=monitor.verdict.name.lower() if monitor is not None else None,
-        safety_interventions=outcome.safety_interventions,
-        real_time_factor=round(outcome.real_time_factor, 3),
-        log=run.log_name,
-        impact_reason=monitor.reason.name.lower() if monitor is not None and monitor.unexpected else None,
-        impact_kind=str(run.kind) if run.kind is not None else None,
-        impact_margin=float(monitor.pair[0]["margin"]) if monitor is not None else None,
-        impact_verdict_time_s=float(monitor.pair[0]["t_verdict_ns"]) * 1e-9 if monitor and decided else None,
-    )
+        reason = outcome.problem or object_problem(values, reference.motion)
+        if prepared.shadow:
+            reason = "shadow: no torque was sent" + (f"; the loop ended by: {reason}" if reason else "")
+        monitor, said = run.monitor, dict[str, Any](impact_verdict=None)
+        if monitor is not None:
+            pair, verdict = monitor.pair[0], monitor.verdict
+            said |= {"impact_verdict": verdict.name.lower(), "impact_margin": float(pair["margin"])}
+            if verdict is not Verdict.NONE:
+                said["impact_verdict_time_s"] = float(pair["t_verdict_ns"]) * 1e-9
+            if monitor.unexpected:
+                said["impact_reason"] = monitor.reason.name.lower()
+        return run.finished(
+            TrialResult, reason, specification, outcome, values, object_observed=values.seen,
+            nominal_impact_time_s=reference.nominal_impact_s, real_time_factor=round(outcome.real_time_factor, 3),
+            impact_kind=None if run.kind is None else str(run.kind), **said,
+        )  # fmt: skip

@@ -26,7 +26,6 @@ from rtstack.trials.move import where_arms_stand
 from rtstack.trials.result import Result
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import SweepSpecification
 from rtstack.trials.start_motion import JointPath, MeasuredPoints, StartMotion, _look_along, start_motion
 from rtstack.trials.tightening import limits_of_arms
@@ -144,7 +143,7 @@ class PreparedJoints(PreparedRun[JointsResult]):
             context = replace(context, stop=_StopAfter(context.stop, measured, self.stop_after))
         with Run(description, parameters, plan, limits, context, way, longest=len(q)) as run:
             outcome = run.follow(cell, controller)
-            reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+            reason = outcome.problem
         return JointsResult(reason is None, reason, outcome.end, run.history.columns(), way, q)
 
     def _check(self, begins: Array, q: Array) -> None:
