@@ -81,10 +81,13 @@ class _Pair:
         for arm in self.arms:
             worst = max(worst, arm.command(Mode.ANTE_IMPACT))
         self.controller.finish()
+        self.judge()
+        return time.perf_counter_ns() - began, worst
+
+    def judge(self) -> None:
         for arm, judge, residual in zip(self.arms, self.judges, self.residuals, strict=True):
             judge.judge(arm.sample, residual=residual)
             arm.applied()
-        return time.perf_counter_ns() - began, worst
 
     def watch(self) -> None:
         for side in range(2):
@@ -163,9 +166,7 @@ def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
         for arm in arms:
             arm.command(Mode.ANTE_IMPACT)
         marks.append(time.perf_counter_ns())
-        for arm, judge, residual in zip(arms, pair.judges, pair.residuals, strict=True):
-            judge.judge(arm.sample, residual=residual)
-            arm.applied()
+        pair.judge()
         marks.append(time.perf_counter_ns())
         for name, began, ended in zip(parts, marks, marks[1:], strict=False):
             parts[name].append(ended - began)

@@ -1,10 +1,11 @@
 """The table and the figure that any rows can have: the mean of a column, by the values of others."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 
 from rtstack.experiments.claims import shown
 from rtstack.experiments.report import Figure, Table
@@ -38,18 +39,12 @@ def mean_figure(file: str, caption: str, rows: Sequence[Row], x: str, series: st
         places = sorted({row[x] for row in rows}, key=lambda value: (isinstance(value, str), value))
         numeric = all(isinstance(place, int | float) for place in places)
         for number, (name, group) in enumerate(_groups(rows, (series,)).items()):
-            known = [
-                (float(place) if numeric else float(index), mean)
+            means = [
+                (float(place) if numeric else float(index), _mean([row for row in group if row[x] == place], column))
                 for index, place in enumerate(places)
-                if (mean := _mean([row for row in group if row[x] == place], column)) is not None
             ]
-            below = [0.0 if mean.low is None else mean.mean - mean.low for _, mean in known]
-            above = [0.0 if mean.high is None else mean.high - mean.mean for _, mean in known]
-            axis.errorbar(
-                [at for at, _ in known], [mean.mean for _, mean in known], yerr=[below, above],
-                color=COLOURS[number % len(COLOURS)], marker=MARKERS[number % len(MARKERS)], markersize=5, capsize=3,
-                label=_word(name[0]),
-            )  # fmt: skip
+            colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+            draw_means(axis, means, color=colour, marker=marker, label=_word(name[0]))
         if numeric:
             axis.set_xticks(places)
         else:
@@ -61,6 +56,15 @@ def mean_figure(file: str, caption: str, rows: Sequence[Row], x: str, series: st
         save(figure, path)
 
     return Figure(file, caption, draw)
+
+
+def draw_means(axis: Axes, means: Iterable[tuple[float, Interval | None]], **how: Any) -> None:
+    """Draw (x, mean) with 95 % intervals, those that there are. how: colour, marker, label for Matplotlib."""
+    known = [(at, mean) for at, mean in means if mean is not None]
+    below = [0.0 if mean.low is None else mean.mean - mean.low for _, mean in known]
+    above = [0.0 if mean.high is None else mean.high - mean.mean for _, mean in known]
+    x, y = [at for at, _ in known], [mean.mean for _, mean in known]
+    axis.errorbar(x, y, yerr=[below, above], markersize=5, capsize=3, **how)
 
 
 def _groups(rows: Sequence[Row], by: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
-from rtstack.papers.aim_aware.bands import Bands
+from rtstack.papers.aim_aware.claims import Bands
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Column
 from rtstack.papers.aim_aware.planar.plan import Plan

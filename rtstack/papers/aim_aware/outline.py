@@ -1,16 +1,20 @@
-"""Common parts of both studies' plan files, and the portion of a study that is run."""
+"""Common parts of both studies' plan files, the portion of a study that is run, and its tuning in deploy/tunings."""
 
-from collections.abc import Hashable, Iterator
+import hashlib
+import json
+import tomllib
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from importlib.resources import as_file, files
 from itertools import product
 from pathlib import Path
-from typing import Annotated, ClassVar, Generic, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, ConfigurationError, Positive, load_toml
-from rtstack.experiments.registration import PlannedClaim, Registration, check_claims
+from rtstack.experiments.registration import UNDIGESTED, PlannedClaim, Registration, check_claims
 from rtstack.papers.aim_aware.claims import JUDGES
 from rtstack.papers.aim_aware.grid import Case, Column, Grid
 from rtstack.papers.aim_aware.planar.parameters import Task
@@ -140,3 +144,34 @@ class Portion(Generic[S, T]):
     def batch_of(self, case: Case) -> Hashable:
         """Return the key of the batch in which a case is run."""
         raise NotImplementedError
+
+
+# keys of a study on which its tuning does not depend: a cell in lockstep gives what one in this process gives
+NOT_TUNED_ON = (*UNDIGESTED, "marks", "contacts", "cell", "logs")
+
+
+def digest_of(*paths: Path) -> str:
+    """Return the digest of the values in TOML files, without claims and contacts, whatever the order of keys."""
+    values = [tomllib.loads(path.read_text(encoding="utf-8")) for path in paths]
+    values = [{key: value for key, value in each.items() if key not in NOT_TUNED_ON} for each in values]
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def tuning_file(name: str) -> Path:
+    """Return the path of a study's tuning, which need not exist."""
+    with as_file(files("deploy.tunings") / f"{name}.toml") as path:
+        return path
+
+
+def tuned_for(path: Path, name: str, kind: type[T], command: str, further: Sequence[Path] = ()) -> T:
+    """Return the tuning of the study `name` at `path`. further: other files on which it depends.
+
+    kind: has the `study_digest` for which it was found. Raises ConfigurationError with the command that finds it
+    again."""
+    tuning = tuning_file(name)
+    if not tuning.exists():
+        raise ConfigurationError(f"{path}: no tuning for {name} exists: find it with `{command}`")
+    tuned: Any = load_toml(tuning, kind)
+    if tuned.study_digest != digest_of(path, *further):
+        raise ConfigurationError(f"{tuning} was found for another {path.name}: find it again with `{command}`")
+    return tuned

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -55,13 +56,9 @@ def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
     rows: list[Row] = []
     for case in cases:
         impact = simulate_case(study, plan, case, run.tuned.residual_rate_nm_s)
-        row: Row = {
-            "id": case.id, "approach_deg": case.approach_deg, "location_m": case.location_m,
-            "inclination_deg": case.inclination_deg, "tuned_on": case in seen, "contact": case.contact,
-            "impulse_ns": float(plan.impulses.min()),
-            "second_ms": _second_ms(impact, run.tuned.residual_rate_nm_s),
-        }  # fmt: skip
-        rows.append(row | verdicts(impact, monitors))
+        second_ms = _second_ms(impact, run.tuned.residual_rate_nm_s)
+        row = {"id": case.id, **asdict(case), "tuned_on": case in seen, "second_ms": second_ms}
+        rows.append(row | {"impulse_ns": float(plan.impulses.min())} | verdicts(impact, monitors))
     cpu_s = (time.process_time() - began_s) / len(rows)
     return [row | {"cpu_s": cpu_s} for row in rows]
 

@@ -16,6 +16,7 @@ from matplotlib.patches import Patch
 
 from rtstack.control.parameters import ControlParameters
 from rtstack.experiments.claims import Claim, ClaimStatus
+from rtstack.experiments.generic import draw_means
 from rtstack.figures.style import BAND_ALPHA, STYLE, mode_bands, new_figure, save
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
@@ -168,17 +169,10 @@ def figure11(path: Path, evaluation: Evaluation, controllers: Iterable[Controlle
     axis = axes[0][0]
     displacements = evaluation.displacements()
     for index, controller in enumerate(controllers):
-        points = [(d, evaluation.mean_force(controller, d)) for d in displacements]
         aside = 0.9 * (index - 0.5 * (len(controllers) - 1))
-        known = [(d + aside, interval) for d, interval in points if interval is not None]
-        means = [interval.mean for _, interval in known]
-        axis.errorbar(
-            [d for d, _ in known], means,
-            yerr=[[m - (i.low if i.low is not None else m) for m, (_, i) in zip(means, known, strict=True)],
-                  [(i.high if i.high is not None else m) - m for m, (_, i) in zip(means, known, strict=True)]],
-            color=COLOURS[controller], marker=MARKERS[controller], markersize=5, capsize=3, linewidth=1.2,
-            label=name_of(controller),
-        )  # fmt: skip
+        means = [(d + aside, evaluation.mean_force(controller, d)) for d in displacements]
+        colour, marker = COLOURS[controller], MARKERS[controller]
+        draw_means(axis, means, color=colour, marker=marker, linewidth=1.2, label=name_of(controller))
     axis.set_xticks(displacements)
     axis.set_xlabel("displacement of the object, mm")
     axis.set_ylabel("mean desired force norm, 200 ms around $T_r$")

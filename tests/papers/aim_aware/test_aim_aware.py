@@ -7,8 +7,7 @@ import pytest
 from hal.base.configuration import ConfigurationError
 from rtstack.cli.app import main
 from rtstack.experiments.claims import ClaimStatus
-from rtstack.papers.aim_aware.bands import Bands, bands
-from rtstack.papers.aim_aware.claims import LETTERS, SHARED, at_contact, evaluated
+from rtstack.papers.aim_aware.claims import LETTERS, SHARED, Bands, at_contact, bands, evaluated
 from rtstack.papers.aim_aware.classification import plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Case
 from rtstack.papers.aim_aware.study import load_run

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from rtstack.papers.aim_aware.planar.dynamics import coriolis, inertia, tip, weight
+from rtstack.papers.aim_aware.planar.dynamics import advance, coriolis, derivative, inertia, tip, weight
 from rtstack.papers.aim_aware.planar.parameters import Contact, PlanarArm
 from rtstack.papers.aim_aware.planar.plan import InfeasibleImpact, joints_at, model_at, plan_impact, simultaneous_impact
-from rtstack.papers.aim_aware.planar.plant import advance, derivative
 
 ARM = PlanarArm(
     length_m=(0.35, 0.35, 0.15), mass_kg=(3.5, 2.5, 1.0), half_width_m=0.1, B_kg_m2=(0.6, 0.45, 0.2),

@@ -15,9 +15,8 @@ from rtstack.experiments.experiment import DIRECT
 from rtstack.model.cell_description import ArmMounting, CellDescription, load_cell_description
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
-from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion
+from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, tuned_for
 from rtstack.papers.aim_aware.platform.hit import HitGains
-from rtstack.papers.aim_aware.tuned import tuned_for
 from rtstack.papers.conditions import files_of_plant
 
 STUDY = "aim-aware-arm"

@@ -22,8 +22,8 @@ from rtstack.papers.aim_aware.arm.hits import LARGE, Twist, learn, nominal_hits,
 from rtstack.papers.aim_aware.arm.study import ArmStudy, ArmTuned, Rates, platform_files
 from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.grid import Case, Found
+from rtstack.papers.aim_aware.outline import digest_of
 from rtstack.papers.aim_aware.platform.plan import PERIOD_S
-from rtstack.papers.aim_aware.tuned import digest_of
 from rtstack.papers.aim_aware.tuning import Need, need, separate, write_tuning
 
 SETTLED = 50  # ticks: the observer has started

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +75,7 @@ def row_of_log(run: ArmRun, case: Case, log: Log) -> Row:
 
 def _row(run: ArmRun, impact: Impact[HitPlan], stopped: str) -> Row:
     case = impact.case
-    row: Row = {
-        "id": case.id, "approach_deg": case.approach_deg, "location_m": case.location_m,
-        "inclination_deg": case.inclination_deg, "repetition": case.repetition, "seed": _seed(run, case),
-        "contact": case.contact, "stopped": stopped,
-    }  # fmt: skip
+    row: Row = {"id": case.id, **asdict(case), "seed": _seed(run, case), "stopped": stopped}
     return row | verdicts(impact, run.monitors())
 
 

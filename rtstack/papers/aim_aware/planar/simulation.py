@@ -5,10 +5,9 @@ from numpy.typing import NDArray
 
 from hal.compilation import compiled
 from rtstack.control.observer import momentum_residual
-from rtstack.papers.aim_aware.planar.dynamics import absolute, coriolis, inertia, tip, weight
+from rtstack.papers.aim_aware.planar.dynamics import absolute, advance, coriolis, inertia, tip, transmitted, weight
 from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm, Task
 from rtstack.papers.aim_aware.planar.plan import Plan
-from rtstack.papers.aim_aware.planar.plant import advance, transmitted
 
 # what a tick leaves: time ns; rad, rad/s; residual Nm; forces of the corners N; x m m rad; post: 1 once it was detected
 TICK = np.dtype([
