@@ -43,9 +43,8 @@ class PointView:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationView:
-    """file: the cell's; date, rms_mm, uncertainty_mm: what it says now. looking: the fit is being made.
-
-    lines: what was found and how well; values: for the cell's file; why: nothing is found, or it is not to be written.
+    """file: the cell's; date, rms_mm, uncertainty_mm: what it says now. looking: the fit is being made; lines: what was
+    found and how well; values: for the cell's file; why: nothing is found, or it is not to be written.
     """
 
     file: str
@@ -64,9 +63,8 @@ class CellCalibration:
 
     def __init__(self, file: Path, folder: Path, questions: Questions, watch: Watch) -> None:
         """file: the cell's; folder: of the logs."""
-        self._file, self._path = file, folder / FILE_NAME
+        self._file, self._path, self._lock = file, folder / FILE_NAME, threading.Lock()
         self._questions, self._watch = questions, watch
-        self._lock = threading.Lock()
 
     def view(self) -> CalibrationView:
         """Return how things are; asks for a fit where there is none of these points."""

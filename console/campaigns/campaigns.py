@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -111,14 +112,18 @@ class Campaigns:
         with self._lock:
             self._free()
             began = time.strftime("%Y%m%d-%H%M%SZ", time.gmtime())
-            folder = self._new_folder(f"{began}-{Path(name).stem}{'-quick' * quick}")
+            stem = f"{began}-{Path(name).stem}{'-quick' * quick}"
+            # one that was cancelled at once has its name from the same second
+            taken = {entry.stem for entry in self._directory.glob("*")}
+            names = (stem, *(f"{stem}-{number}" for number in range(2, len(taken) + 3)))
+            folder = CampaignFolder(self._directory / next(each for each in names if each not in taken))
             try:
                 self._directory.mkdir(exist_ok=True)
                 asked = Asked(name, quick, time.time(), on_cell)
                 folder.keep(asked)
                 self._begin(folder, asked, workers, niceness, resume=False)
             except OSError as error:
-                folder.forget()
+                folder.note.unlink(missing_ok=True)
                 raise Refused(409, f"it cannot be begun in {self._directory}: {error.strerror}") from None
             return self.view(folder.id)
 
@@ -156,8 +161,7 @@ class Campaigns:
     def views(self) -> list[CampaignView]:
         """Return all campaigns, the newest first."""
         with self._lock:
-            asked = [(folder, found) for folder in self._folders() if (found := folder.asked()) is not None]
-            return [self._view(folder, found) for folder, found in sorted(asked, key=lambda pair: -pair[1].began_s)]
+            return [self._view(*pair) for pair in sorted(self._folders(), key=lambda pair: -pair[1].began_s)]
 
     def view(self, campaign_id: str) -> CampaignView:
         """Return a campaign. Raises Refused."""
@@ -168,18 +172,14 @@ class Campaigns:
         """Return a campaign's folder: looked up by its id, never joined to a path. Raises Refused."""
         return self._folder(campaign_id)[0]
 
-    def _new_folder(self, stem: str) -> CampaignFolder:
-        """Return a folder that nothing has: a campaign that was cancelled at once has its name from the same second."""
-        taken = {entry.stem for entry in self._directory.glob("*")}
-        names = (stem, *(f"{stem}-{number}" for number in range(2, len(taken) + 3)))
-        return CampaignFolder(self._directory / next(name for name in names if name not in taken))
-
-    def _folders(self) -> list[CampaignFolder]:
-        return [CampaignFolder(note.with_suffix("")) for note in self._directory.glob("*.json")]
+    def _folders(self) -> Iterator[tuple[CampaignFolder, Asked]]:
+        for folder in [CampaignFolder(note.with_suffix("")) for note in self._directory.glob("*.json")]:
+            if (asked := folder.asked()) is not None:
+                yield folder, asked
 
     def _folder(self, campaign_id: str) -> tuple[CampaignFolder, Asked]:
-        for folder in self._folders():
-            if folder.id == campaign_id and (asked := folder.asked()) is not None:
+        for folder, asked in self._folders():
+            if folder.id == campaign_id:
                 return folder, asked
         raise Refused(404, "there is no such campaign; look at the list again")
 

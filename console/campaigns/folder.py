@@ -52,7 +52,7 @@ class CampaignFolder:
         self.id = hidden(path.name)
         self.said = path.with_name(f"{path.name}.txt")  # what the campaign has said
         self.pause = path / PAUSE  # pauses a campaign on arms between two runs, while it is there; it says why
-        self._note = path.with_name(f"{path.name}.json")
+        self.note = path.with_name(f"{path.name}.json")  # what was asked for
 
     @property
     def begun(self) -> bool:
@@ -67,16 +67,12 @@ class CampaignFolder:
 
     def keep(self, asked: Asked) -> None:
         """Note what was asked for."""
-        write_whole(self._note, json.dumps(asdict(asked)))
-
-    def forget(self) -> None:
-        """Remove the note of a campaign that could not be begun."""
-        self._note.unlink(missing_ok=True)
+        write_whole(self.note, json.dumps(asdict(asked)))
 
     def asked(self) -> Asked | None:
         """Return what was asked for, None where that is no campaign of ours."""
         try:
-            return TypeAdapter(Asked).validate_json(self._note.read_bytes())
+            return TypeAdapter(Asked).validate_json(self.note.read_bytes())
         except (OSError, ValidationError):
             return None
 

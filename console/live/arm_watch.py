@@ -23,10 +23,9 @@ _ROBOT_MODES, _MODES = ({int(member): member.name for member in kind} for kind i
 
 @dataclass(frozen=True, slots=True)
 class ArmView:
-    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it.
-
-    Of its pad: the force now and the largest of the last 60 ms, so that no view misses an impact's spike; the speed
-    that is asked of it by hand, and the one that it has, from the way of the last 20 ms.
+    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it. Of its pad: the force now and
+    the largest of the last 60 ms, so that no view misses an impact's spike; the speed that is asked of it by hand, and
+    the one that it has, from the way of the last 20 ms.
     """
 
     robot_mode: str = "UNKNOWN"

@@ -48,10 +48,8 @@ UNKNOWN = CellState(CellWord.UNKNOWN)
 
 
 def cell_state(status: Status | None, led: bool, moved: bool, held_n: float | None) -> CellState:
-    """Return the state.
-
-    led: whether all arms have shown a state since the job runs, before which it cannot move them; moved: whether an
-    arm has moved within MOVED_S; held_n: of `Squeeze`.
+    """Return the state. led: whether all arms have shown a state since the job runs, before which it cannot move them;
+    moved: whether an arm has moved within MOVED_S; held_n: of `Squeeze`.
     """
     if status is None:
         return UNKNOWN
@@ -76,16 +74,13 @@ def cell_state(status: Status | None, led: bool, moved: bool, held_n: float | No
 
 
 class Squeeze:
-    """With how much both pads squeeze what is between them, over the last half second."""
+    """With how much both pads squeeze what is between them, over the last half second. One alone squeezes nothing."""
 
     def __init__(self) -> None:
         self._samples: deque[float] = deque(maxlen=_SQUEEZE_SAMPLES)
 
     def add(self, places: NDArray[np.float64] | None, forces: NDArray[np.float64] | None) -> None:
-        """Take the pads' places in the world, (arms, 3) m, and the forces on them, (arms, 3) N; None where unknown.
-
-        One pad alone squeezes nothing.
-        """
+        """Take the pads' places in the world, (arms, 3) m, and the forces on them, (arms, 3) N; None where unknown."""
         if places is None or forces is None or len(places) == 1:
             self._samples.clear()
             return

@@ -44,11 +44,8 @@ class Feed:
     def __init__(self, rings: Rings, frames: CellFrames) -> None:
         # without the voxels, which are said once: /scene says the same each second
         no_arm = tuple(f"/{side}/" for side in SIDES if side not in frames.sides)
-        self._schemas = {
-            topic: schema
-            for topic, schema in topic_schemas().items()
-            if topic not in VOXELS and not topic.startswith(no_arm)
-        }
+        schemas = topic_schemas().items()
+        self._schemas = {name: each for name, each in schemas if name not in VOXELS and not name.startswith(no_arm)}
         self._made = self._schemas.keys() & scenery_schemas().keys()
         self._topics = dict(enumerate(self._schemas, start=1))
         self._readers = {topic: rings.reader(topic) for topic in TOPICS}
@@ -61,17 +58,11 @@ class Feed:
 
     def advertisement(self) -> str:
         """Return the channels, with their schemas."""
-        channels = [
-            {
-                "id": number,
-                "topic": topic,
-                "encoding": "protobuf",
-                "schemaName": self._schemas[topic].name,
-                "schemaEncoding": "protobuf",
-                "schema": base64.b64encode(self._schemas[topic].data).decode(),
-            }
-            for number, topic in self._topics.items()
-        ]
+        channels, form = [], {"encoding": "protobuf", "schemaEncoding": "protobuf"}
+        for number, topic in self._topics.items():
+            schema = self._schemas[topic]
+            described = {"schemaName": schema.name, "schema": base64.b64encode(schema.data).decode()}
+            channels.append({"id": number, "topic": topic, **form, **described})
         return json.dumps({"op": "advertise", "channels": channels})
 
     def hear(self, text: str) -> None:

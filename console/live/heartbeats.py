@@ -34,7 +34,6 @@ class OperatorHeartbeats:
 @asynccontextmanager
 async def heartbeat(mailbox: Mailbox) -> AsyncIterator[None]:
     """Write the console's heartbeat every BEAT_S while this event loop runs."""
-
     notifier = Notifier()
 
     async def beat() -> None:

@@ -44,8 +44,7 @@ class LoopWatch:
         self._reader = reader
         self._periods = np.empty(0)
         self._missed_each = np.empty(0)  # ticks missed before each of the newest records
-        self._missed = 0
-        self._counted = 0
+        self._missed = self._counted = 0
 
     def view(self) -> LoopView:
         """Take the ticks since the last call, and return the view over the newest."""
@@ -64,10 +63,6 @@ class LoopWatch:
         p99_us = float(np.percentile(self._periods, 99))
         lost = float(self._missed_each.sum())
         in_time = 1.0 - lost / (lost + len(self._missed_each))
-        return LoopView(
-            period_us=float(self._periods.mean()),
-            period_p99_us=p99_us,
-            missed=self._missed,
-            lateness=Keeping.GOOD if p99_us < _PERIOD_US + _LATE_US else Keeping.LATE,
-            losses=Keeping.GOOD if lost == 0.0 else Keeping.LATE if in_time >= _GOOD else Keeping.BAD,
-        )
+        lateness = Keeping.GOOD if p99_us < _PERIOD_US + _LATE_US else Keeping.LATE
+        losses = Keeping.GOOD if lost == 0.0 else Keeping.LATE if in_time >= _GOOD else Keeping.BAD
+        return LoopView(float(self._periods.mean()), p99_us, self._missed, lateness, losses)

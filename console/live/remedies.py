@@ -38,7 +38,8 @@ def chapters() -> tuple[Chapter, ...]:
         title, _, text = part.partition("\n")
         rows: list[Remedy] = []
         for match in filter(None, map(_ROW.match, text.splitlines())):
-            *cause, todo = (_plain(cell) for cell in match["cells"].split(" | "))
+            cells = re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", match["cells"]).replace("`", "")  # without Markdown's marks
+            *cause, todo = (cell.strip() for cell in cells.split(" | "))
             anchor = re.sub(r"\W+", "-", match["name"].lower()).strip("-")
             rows.append(Remedy(match["name"], anchor, "".join(cause), todo))
         if rows:
@@ -47,15 +48,8 @@ def chapters() -> tuple[Chapter, ...]:
 
 
 def remedy_of(reason: str | None) -> Remedy | None:
-    """Return what the runbook says of a fault's reason: the row whose name is in it, the most special one; None where
-    there is none.
-    """
+    """Return what the runbook says of a fault's reason: the most special row whose name is in it, None for none."""
     rows = [row for chapter in chapters() for row in chapter.rows if reason is not None and row.name in reason]
     rows = [row for row in rows if not any(row.name in other.name for other in rows if other is not row)]
     # the vendor's and the judge's names come first on the page, and say more than how the session ended
     return rows[0] if rows else None
-
-
-def _plain(cell: str) -> str:
-    """Return a cell's text without Markdown's marks."""
-    return re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", cell).replace("`", "").strip()

@@ -84,15 +84,14 @@ class LiveView:
 class Watch:
     """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed.
 
-    document: the view as JSON, made once for all who look.
-
-    Who asks the robot process for its status also passes on the holder's signs of life.
+    document: the view as JSON, made once for all who look. The thread that asks the robot process for its status also
+    passes on the holder's signs of life.
     """
 
     def __init__(
         self, rings: Rings, client: RobotClient, heartbeats: OperatorHeartbeats, cell: CellDescription
     ) -> None:  # fmt: skip
-        self.rings = rings
+        self.rings, self._client, self._heartbeats = rings, client, heartbeats
         self._arms = {side: ArmWatch(rings, side, mounting) for side, mounting in cell.mountings.items()}
         self.sides = cell.sides
         self._loop = LoopWatch(rings.reader("/timing"))
@@ -101,8 +100,6 @@ class Watch:
         self._runs_since: tuple[int, float] | None = None  # the job that runs, and since when, monotonic s
         self._object = rings.reader("/object/pose")
         self._event_reader = rings.reader("/events")
-        self._client = client
-        self._heartbeats = heartbeats
         self._ending = threading.Event()
         self._events: deque[EventView] = deque(maxlen=_EVENTS)
         self._event_count = 0
@@ -113,10 +110,8 @@ class Watch:
         left, right = (ArmView() if side in self._arms else None for side in SIDES)
         self.view = LiveView(left, right)
         self.document = msgspec.json.encode(self.view)
-        self._threads = [
-            threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
-            threading.Thread(target=self._watch_status, daemon=True, name="watch status"),
-        ]
+        watched = {"watch rings": self._watch_rings, "watch status": self._watch_status}
+        self._threads = [threading.Thread(target=watch, daemon=True, name=name) for name, watch in watched.items()]
         for thread in self._threads:
             thread.start()
 
@@ -178,12 +173,10 @@ class Watch:
         return status
 
     def _watch_rings(self) -> None:
-        samples = 0
         loop = self.view.loop
         while not self._ending.wait(_SAMPLE_PERIOD_S):
-            if samples % _LOOP_EVERY == 0:
+            if self._number % _LOOP_EVERY == 0:
                 loop = self._loop.view()
-            samples += 1
             now_ns = time.monotonic_ns()
             now_s = now_ns * 1e-9
             for record in self._event_reader.drain():
@@ -236,10 +229,9 @@ class Watch:
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):
-            status = self._status[0]
+            status, began_s = self._status[0], time.monotonic()
             holder = status.holder if status is not None else None
             heard = self._heartbeats.heard(holder)
-            began_s = time.monotonic()
             try:
                 answer = self._client.beat(holder) if holder and heard else self._client.status()
                 if began_s > (self._status[1] or 0.0):  # else what `learn` took meanwhile is newer
@@ -254,12 +246,6 @@ def _all(values: list[NDArray[np.float64] | None]) -> NDArray[np.float64] | None
 
 
 def _event(number: int, record: Any) -> EventView:
-    level = int(record["level"])
-    return EventView(
-        number=number,
-        t_s=float(record["t_ns"]) * 1e-9,
-        seen_s=time.time(),
-        level=Level(level).name if level in Level._value2member_map_ else "INFO",
-        name=record["name"].decode("ascii", "replace"),
-        text=record["text"].decode("ascii", "replace"),
-    )
+    level, (name, text) = int(record["level"]), (record[key].decode("ascii", "replace") for key in ("name", "text"))
+    severity = Level(level).name if level in Level._value2member_map_ else "INFO"
+    return EventView(number, float(record["t_ns"]) * 1e-9, time.time(), severity, name, text)

@@ -1,6 +1,4 @@
-"""An entry of the queue: a trial with its state.
-
-A sweep: every combination of shifts, turns, controllers, objects and seeds, as trials of the queue.
+"""An entry of the queue: a trial with its state; and a sweep, which is many.
 
 Numbers are written as -60:10:60 (first, step, last), as 0:4 (with a step of 1), or one by one: -30, 0, 30.
 """
@@ -51,11 +49,9 @@ class EntryState(StrEnum):
 @checked(frozen=True, slots=True, config=MESSAGE)
 class Entry:
     """One trial of the queue. `followed`: what a person calls its reference; `repetition` of the `repetitions` that
-    were added together, from 1.
-
-    began_s: Unix time; duration_s: from the order to both arms at rest; reason: why it did not succeed; log: the id of
-    its log; job: its number in the robot process, None before it has one; ending: as the list of logs
-    says it.
+    were added together, from 1; job: its number in the robot process, None before it has one; began_s: Unix time;
+    duration_s: from the order to both arms at rest; reason: why it did not succeed; log: the id of its log; ending: as
+    the list of logs says it.
     """
 
     id: str

@@ -126,13 +126,10 @@ class Queue:
 
     def running(self) -> Entry | None:
         """Return the entry that runs."""
-        return self._first(EntryState.RUNNING)
+        return self.next(EntryState.RUNNING)
 
-    def next(self) -> Entry | None:
-        """Return the entry whose turn it is."""
-        return self._first(EntryState.WAITING)
-
-    def _first(self, state: EntryState) -> Entry | None:
+    def next(self, state: EntryState = EntryState.WAITING) -> Entry | None:
+        """Return the first entry in this state: the one whose turn it is."""
         with self._lock:
             return next((entry for entry in self._entries if entry.state is state), None)
 

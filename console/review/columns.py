@@ -82,14 +82,13 @@ class ColumnWriter:
     """Writes the columns of one topic, batch by batch, into files made for `capacity` samples."""
 
     def __init__(self, folder: Path, topic: str, capacity: int) -> None:
-        self._topic = topic
-        self._capacity = capacity
-        self._buckets = -(-capacity // BUCKET)
+        self._topic, self._capacity, self._buckets = topic, capacity, -(-capacity // BUCKET)
         count = len(topic_signals(topic))
         self._time = _created(_file(folder, topic, "t_ns"), np.dtype(np.int64), (capacity,))
-        self._values = _created(_file(folder, topic, "values"), np.dtype(np.float32), (count, capacity))
-        self._low = _created(_file(folder, topic, "low"), np.dtype(np.float32), (count, self._buckets))
-        self._high = _created(_file(folder, topic, "high"), np.dtype(np.float32), (count, self._buckets))
+        self._values, self._low, self._high = (
+            _created(_file(folder, topic, name), np.dtype(np.float32), (count, width))
+            for name, width in (("values", capacity), ("low", self._buckets), ("high", self._buckets))
+        )
         self._newest_ns = np.iinfo(np.int64).min
         self._open = np.zeros((count, 0), np.float32)  # samples of the bucket that is not full yet
         self.rows = 0

@@ -42,16 +42,9 @@ def _follow(spans: list[tuple[float, float, str]], records: NDArray, start_ns: i
             spans.append((from_s, to_s, mode))
 
 
-def _marks(records: Iterable[Any], start_ns: int) -> list[Mark]:
-    return [
-        Mark(
-            t_s=(int(record["t_ns"]) - start_ns) * _NS,
-            level=_LEVELS.get(int(record["level"]), "INFO"),
-            name=bytes(record["name"]).decode("utf-8", "replace"),
-            text=bytes(record["text"]).decode("utf-8", "replace"),
-        )
-        for record in records
-    ]
+def _mark(record: Any, start_ns: int) -> Mark:
+    name, text = (bytes(record[key]).decode("utf-8", "replace") for key in ("name", "text"))
+    return Mark((int(record["t_ns"]) - start_ns) * _NS, _LEVELS.get(int(record["level"]), "INFO"), name, text)
 
 
 def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) -> Index:
@@ -69,7 +62,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) ->
     writers = {topic: ColumnWriter(folder, topic, count) for topic, count in counts.items() if count}
     deriving = DerivedBatches(log)
     modes: dict[str, list[tuple[float, float, str]]] = {side: [] for side in sides}
-    events = list(index.events)
+    events: list[Mark] = []
 
     def append(found: Iterable[tuple[str, NDArray]]) -> None:
         for topic, records in found:
@@ -81,7 +74,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) ->
         for number, batch in enumerate(log.batches([*PLOTTED_TOPICS, EVENT_TOPIC])):
             if os.getppid() != parent:
                 raise SystemExit(1)  # the parent has gone, and starts again
-            events += _marks(batch.records.get(EVENT_TOPIC, ()), log.start_ns)
+            events += [_mark(record, log.start_ns) for record in batch.records.get(EVENT_TOPIC, ())]
             append((*batch.records.items(), *deriving.add(batch.records)))
             for side, topic in zip(SIDES, CONTROL_TOPICS, strict=True):
                 if side in modes and topic in batch.records:

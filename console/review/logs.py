@@ -96,22 +96,16 @@ def _pictures(path: Path, _size_bytes: int, _modified_s: float) -> tuple[Log, di
     return log, {name: times for name, topic in names.items() if (times := log.times(topic))}
 
 
-def _pictures_of(entry: LogEntry) -> tuple[Log, dict[str, list[int]]]:
-    return _pictures(entry.path, entry.size_bytes, entry.modified_s)
-
-
 def picture_times(entry: LogEntry, start_ns: int) -> dict[str, list[float]]:
     """Return when each camera has a picture, s since start_ns, by its name. Raises LogError."""
-    return {
-        name: [round((t_ns - start_ns) * 1e-9, 9) for t_ns in times] for name, times in _pictures_of(entry)[1].items()
-    }
+    known = _pictures(entry.path, entry.size_bytes, entry.modified_s)[1]
+    return {name: [round((t_ns - start_ns) * 1e-9, 9) for t_ns in times] for name, times in known.items()}
 
 
 def picture_at(entry: LogEntry, camera: str, t_ns: int) -> bytes | None:
     """Return the newest picture at a moment, or the first one; None where there is no such camera. Raises LogError."""
-    log, known = _pictures_of(entry)
-    times = known.get(camera)
-    if not times:
+    log, known = _pictures(entry.path, entry.size_bytes, entry.modified_s)
+    if (times := known.get(camera)) is None:
         return None
     at_ns = times[max(0, bisect_right(times, t_ns) - 1)]
     shown = log.pictures(f"/camera/{camera}/image", (at_ns, at_ns))

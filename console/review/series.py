@@ -7,7 +7,7 @@ the window moves.
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +45,9 @@ class Curves:
 def curves(log: LogColumns, signals: Sequence[Signal], window: Window) -> list[Curves]:
     """Return the signals in a window, a sample beyond it on either side, grouped by topic."""
     found = []
-    for topic, wanted in _by_topic(signals).items():
-        names, columns = tuple(signal.name for signal in wanted), log.of(topic)
-        if columns is None:
-            found.append(_no_curves(topic, names))
+    for none, places in _by_topic(signals):
+        if (columns := log.of(none.topic)) is None:
+            found.append(none)
             continue
         first, last = _rows(columns.t_ns, log.index.start_ns, window)
         bucket = 1 << max(0, (last - first) // max(1, window.width)).bit_length()
@@ -56,24 +55,21 @@ def curves(log: LogColumns, signals: Sequence[Signal], window: Window) -> list[C
             bucket = 1
         first -= first % bucket
         low, high = (
-            np.stack([_reduced(columns, signal.column, first, last, bucket, reduce) for signal in wanted])
+            np.stack([_reduced(columns, place, first, last, bucket, reduce) for place in places])
             for reduce in (np.fmin, np.fmax)
         )
         t_s = np.asarray((columns.t_ns[first:last:bucket] - log.index.start_ns) * _NS, np.float64)
-        found.append(Curves(topic, names, bucket, t_s, low, high))
+        found.append(replace(none, bucket=bucket, t_s=t_s, low=low, high=high))
     return found
 
 
-def _by_topic(signals: Sequence[Signal]) -> dict[str, list[Signal]]:
-    found: dict[str, list[Signal]] = {}
-    for signal in signals:
-        found.setdefault(signal.topic, []).append(signal)
-    return found
-
-
-def _no_curves(topic: str, names: tuple[str, ...]) -> Curves:
-    nothing = np.zeros((len(names), 0), np.float32)
-    return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
+def _by_topic(signals: Sequence[Signal]) -> Iterator[tuple[Curves, list[int]]]:
+    """Yield the curves of each topic, without a point, and the columns of its signals."""
+    for topic in dict.fromkeys(signal.topic for signal in signals):
+        wanted = [signal for signal in signals if signal.topic == topic]
+        nothing = np.zeros((len(wanted), 0), np.float32)
+        names = tuple(signal.name for signal in wanted)
+        yield Curves(topic, names, 1, np.zeros(0), nothing, nothing), [signal.column for signal in wanted]
 
 
 def difference_curves(
@@ -84,20 +80,20 @@ def difference_curves(
     Between two samples of the other log its signals are on a straight line; outside of it there is no difference.
     """
     found = []
-    for topic, wanted in _by_topic(signals).items():
-        names, columns, others = tuple(signal.name for signal in wanted), own.of(topic), other.of(topic)
+    for none, places in _by_topic(signals):
+        columns, others = own.of(none.topic), other.of(none.topic)
         if columns is None or others is None:
-            found.append(_no_curves(topic, names))
+            found.append(none)
             continue
         first, last = _rows(columns.t_ns, own.index.start_ns, window)
         t_s = np.asarray((columns.t_ns[first:last] - own.index.start_ns) * _NS, np.float64)
-        other_s, places = (others.t_ns - other.index.start_ns) * _NS + offset_s, [signal.column for signal in wanted]
+        other_s = (others.t_ns - other.index.start_ns) * _NS + offset_s
         theirs = [np.interp(t_s, other_s, others.values[place], left=np.nan, right=np.nan) for place in places]
         values = (np.stack(theirs) - columns.values[places, first:last]).astype(np.float32)
         bucket = max(1, -(-(last - first) // max(1, window.width)))
         starts = np.arange(0, last - first, bucket)
         low, high = np.fmin.reduceat(values, starts, axis=1), np.fmax.reduceat(values, starts, axis=1)
-        found.append(Curves(topic, names, bucket, t_s[::bucket], low, high))
+        found.append(replace(none, bucket=bucket, t_s=t_s[::bucket], low=low, high=high))
     return found
 
 
@@ -127,11 +123,7 @@ def _reduced(
 
 
 def packed(found: Sequence[Curves]) -> bytes:
-    """Return curves for a browser: length of the header (uint32), the header as JSON, and the numbers.
-
-    For each topic: t_s as float64; for each of its signals low and, where a bucket has more than one sample, high, as
-    float32. Little-endian; header and arrays start at multiples of eight bytes.
-    """
+    """Return curves in the binary form that console.routes.logs.series describes."""
     header = [{"topic": c.topic, "signals": c.names, "bucket": c.bucket, "points": len(c.t_s)} for c in found]
     text = json.dumps(header).encode()
     text += b" " * (-(len(text) + 4) % _ALIGNED)

@@ -20,7 +20,7 @@ from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
 from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts, check_objects, takes_two_arms
 from console.queue.entry import MOST_SHIFT_MM, Numbers, numbers
-from console.routes.problems import file_of, problems
+from console.routes.problems import attachment, file_of, problems
 from console.sign_in import UserSession
 from hal.base.configuration import ConfigurationError
 from rtstack.experiments.own_plans import keep_plan, own_plans, plan_folder
@@ -141,8 +141,7 @@ def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> Cam
         raise HTTPException(409, f"name: this plan cannot be run: {known[order.name].problem}")
     if order.on_cell and not known[order.name].on_cell:
         raise HTTPException(409, f"on_cell: {order.name} runs in the simulator alone")
-    _check(order.nice, order.on_cell, session, parts)
-    niceness = NICEST if order.nice else NICENESS
+    niceness = _niceness(order.nice, order.on_cell, session, parts)
     return parts.campaigns.start(order.name, order.quick, order.workers, niceness, order.on_cell)
 
 
@@ -172,8 +171,8 @@ def campaign(campaign_id: Id, parts: NeedsParts) -> CampaignView:
 @router.post("/campaigns/{campaign_id}/resume", responses=problems(503), dependencies=[_TWO_ARMS])
 def resume(campaign_id: Id, order: RunOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Run what is missing, under the same rules as a start."""
-    _check(order.nice, parts.campaigns.view(campaign_id).on_cell, session, parts)
-    return parts.campaigns.resume(campaign_id, order.workers, NICEST if order.nice else NICENESS)
+    niceness = _niceness(order.nice, parts.campaigns.view(campaign_id).on_cell, session, parts)
+    return parts.campaigns.resume(campaign_id, order.workers, niceness)
 
 
 @router.post("/campaigns/{campaign_id}/cancel")
@@ -216,9 +215,7 @@ def table(campaign_id: Id, parts: NeedsParts) -> Response:
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows(reversed(rows))
-    return Response(
-        text.getvalue(), media_type="text/csv", headers={"content-disposition": 'attachment; filename="results.csv"'}
-    )
+    return Response(text.getvalue(), media_type="text/csv", headers=attachment("results.csv"))
 
 
 @router.get("/campaigns/{campaign_id}/report", response_class=FileResponse, responses=file_of("text/html"))
@@ -252,25 +249,24 @@ def adopt(campaign_id: Id, row_id: Id, parts: NeedsParts) -> Adopted:
             os.link(log, target)  # the same file under a second name: it takes no room
     except OSError as error:
         raise HTTPException(409, f"it cannot be put among the logs: {error.strerror}") from None
-    entry = next((entry for entry in parts.catalogue.entries() if entry.path.name == target.name), None)
-    if entry is None:
-        raise HTTPException(404, "it was removed meanwhile")
-    return Adopted(entry.id)
+    for entry in parts.catalogue.entries():
+        if entry.path.name == target.name:
+            return Adopted(entry.id)
+    raise HTTPException(404, "it was removed meanwhile")
 
 
-def _check(nice: bool, on_cell: bool, session: UserSession, parts: Parts) -> None:
-    """Raise RobotRefused where a campaign would disturb the operator who has control, or may move no arms."""
+def _niceness(nice: bool, on_cell: bool, session: UserSession, parts: Parts) -> int:
+    """Return a campaign's niceness. Raises RobotRefused where it would disturb who has control, or may move no arms."""
     status = parts.client.status()
-    if on_cell:
-        if status.holder != session.operator or status.phase is not Phase.ARMED:
-            raise RobotRefused("take control and arm the arms first: a campaign on this cell takes over from you")
-        return
-    if status.holder not in (None, session.operator):
+    if on_cell and (status.holder != session.operator or status.phase is not Phase.ARMED):
+        raise RobotRefused("take control and arm the arms first: a campaign on this cell takes over from you")
+    if not on_cell and status.holder not in (None, session.operator):
         raise RobotRefused(f"{status.holder} has control: a campaign would take this machine's time; ask them")
-    if status.phase in (Phase.ARMED, Phase.MOVING) and not nice:
+    if not on_cell and status.phase in (Phase.ARMED, Phase.MOVING) and not nice:
         raise RobotRefused(
             f"the arms are {status.phase}: a campaign takes this machine's time; disarm them, or start it with `nice`"
         )
+    return NICEST if nice else NICENESS
 
 
 def _plans() -> tuple[PlanView, ...]:

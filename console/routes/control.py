@@ -88,8 +88,7 @@ _add(RobotClient.recover, "In a fault: ask both arms to clear what they have lat
 
 
 async def request_stop(parts: Parts, session: UserSession) -> bool:
-    """Ask for a controlled stop; return whether a motion takes it, False where there is none. Raises RobotUnreachable
-    where the loop does not take it."""
+    """Ask for a controlled stop; return whether there is a motion that takes it. Raises RobotUnreachable."""
     turn = parts.mailbox.request_stop()
     report = asyncio.create_task(report_stop(parts, session))
     _reports.add(report)

@@ -1,8 +1,6 @@
-"""The page of the HTTP interface. Swagger UI comes from an installed package: nothing of it is kept here or fetched.
+"""How the console describes itself: OpenAPI, from the routes' types and docstrings, and what does not stand there.
 
-How the console describes itself: OpenAPI, from the routes' types and docstrings, and what does not stand there.
-
-A route's summary is the first sentence of its docstring.
+A route's summary is the first sentence of its docstring. Swagger UI comes from an installed package.
 """
 
 import re

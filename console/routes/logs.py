@@ -12,11 +12,11 @@ from console.review import logs as reviewed
 from console.review.columns import Index, Mark
 from console.review.figure import MEDIA_TYPES, drawn_logs, figure_file, overlays_of
 from console.review.series import Tabled, Window, csv_lines, curves, difference_curves, moment, packed
-from console.routes.problems import file_of, problems
+from console.routes.problems import attachment, file_of, problems
 from rtstack.figures.log_data import with_references
 from rtstack.log.analysis.lateness import lateness_of
 from rtstack.log.analysis.signals import Signal, signals
-from rtstack.log.reader import read_log
+from rtstack.log.reader import Log, read_log
 from rtstack.log.time_of_day import time_of_day
 from rtstack.log_folder.catalogue import LogCondition
 from rtstack.log_folder.difference import differences
@@ -39,6 +39,10 @@ Width = Annotated[int, Query(ge=16, le=8192)]
 
 def _log(parts: Parts, log_id: str) -> reviewed.ReadLog:
     return reviewed.begun(parts.catalogue, parts.review_cache, log_id)
+
+
+def _file(parts: Parts, log_id: str) -> Log:
+    return read_log(reviewed.entry_of(parts.catalogue, log_id).path, truncated=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,12 +198,8 @@ def csv(
     tabled = [Tabled(read, time=time_of_day(read_log(read.entry.path, truncated=True)))]
     if other:
         tabled.append(Tabled(_log(parts, other), "other.", offset))
-    name = f"{read.entry.path.stem}.csv".encode("ascii", "replace").decode().replace('"', "'")
-    return StreamingResponse(
-        csv_lines(tabled, wanted, start, end),
-        media_type="text/csv",
-        headers={"content-disposition": f'attachment; filename="{name}"'},
-    )
+    table = csv_lines(tabled, wanted, start, end)
+    return StreamingResponse(table, media_type="text/csv", headers=attachment(f"{read.entry.path.stem}.csv"))
 
 
 @router.get("/{log_id}/figure", response_class=Response, responses=_OF_A_LOG | file_of(*MEDIA_TYPES.values()))
@@ -213,8 +213,7 @@ def figure(
 
     reference: with what the signals are to follow. offset: what is added to another log's time, s.
     """
-    wanted = reviewed.wanted_signals(signals)
-    if not wanted:
+    if not (wanted := reviewed.wanted_signals(signals)):
         raise HTTPException(422, "signals: name one at least")
     if not start < end:
         raise HTTPException(422, "start: has to be before `end`")
@@ -223,25 +222,20 @@ def figure(
         raise HTTPException(422, "others: a difference needs another log")
     read = _log(parts, log_id)
     drawn = drawn_logs(read, overlays, with_references(wanted) if reference else wanted, start, end, difference)
-    name = read.entry.path.stem.encode("ascii", "replace").decode().replace('"', "'")
-    return Response(
-        figure_file(drawn, start, end, drawn[0].name if difference else read.entry.path.name, form),
-        media_type=MEDIA_TYPES[form],
-        headers={"content-disposition": f'attachment; filename="{name}.{form}"'},
-    )
+    drawing = figure_file(drawn, start, end, drawn[0].name if difference else read.entry.path.name, form)
+    return Response(drawing, media_type=MEDIA_TYPES[form], headers=attachment(f"{read.entry.path.stem}.{form}"))
 
 
 @router.get("/{log_id}/difference", responses=_OF_A_LOG)
 def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
     """Return what was set differently for two logs: metadata, cell, parameters."""
-    both = [read_log(reviewed.entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)]
-    return [Difference(key, *values) for key, values in differences(both)]
+    return [Difference(key, *values) for key, values in differences([_file(parts, one) for one in (log_id, other)])]
 
 
 @router.get("/{log_id}/lateness", responses=_OF_A_LOG)
 def late_cycles(log_id: str, parts: NeedsParts) -> LatenessOf:
     """Return who was late in a log, and the longest stalls; null where its arms had no clocks of their own."""
-    found = lateness_of(read_log(reviewed.entry_of(parts.catalogue, log_id).path, truncated=True))
+    found = lateness_of(_file(parts, log_id))
     return LatenessOf(None if found is None else found.as_dict())
 
 

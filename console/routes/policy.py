@@ -1,8 +1,7 @@
 """A policy that leads the arms: an operator gives it a lease; it is asked over a WebSocket, 10 to 50 times a second.
 
-docs/howto/policy.md has the messages, and what ends a lease. The next observation follows a step after the answer to
-the last one. An answer that is missing, late or wrong is no sign of life: the robot process stops the arms when
-CLUTCH_S (rtstack.loop.watchdogs) have passed without one.
+docs/howto/policy.md has the messages, and what ends a lease. An answer that is missing, late or wrong is no sign of
+life: the robot process stops the arms when CLUTCH_S (rtstack.loop.watchdogs) have passed without one.
 """
 
 import asyncio
@@ -106,19 +105,17 @@ class PolicyInput:
         chunk = answer.chunk()
         if (wrong := chunk.problem(len(self._cell.arms))) is not None:
             return wrong
-        record = chunk.record(self._models, self._posture_joint)
+        record = chunk.record(*self._models)
         record["job"], record["lease"] = lease
         record["observed_ns"], record["beat_ns"] = shown.t_ns, time.monotonic_ns()
         self._mailbox.write_chunk(record)
         return None
 
     @cached_property
-    def _models(self) -> dict[str, ArmModel]:
-        return {side: ArmModel(mounting, self._cell.pad) for side, mounting in self._cell.mountings.items()}
-
-    @cached_property
-    def _posture_joint(self) -> int:
-        return cell_parameters(self._cell).control.posture_joint
+    def _models(self) -> tuple[dict[str, ArmModel], int]:
+        """What `Chunk.record` takes."""
+        models = {side: ArmModel(mounting, self._cell.pad) for side, mounting in self._cell.mountings.items()}
+        return models, cell_parameters(self._cell).control.posture_joint
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)

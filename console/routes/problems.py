@@ -30,6 +30,12 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {status: {"model": Problem, "description": _MEANINGS[status]} for status in statuses}
 
 
+def attachment(name: str) -> dict[str, str]:
+    """Return the header by which a browser saves an answer under a name."""
+    plain = name.encode("ascii", "replace").decode().replace('"', "'")
+    return {"content-disposition": f'attachment; filename="{plain}"'}
+
+
 def file_of(*media_types: str) -> dict[int | str, dict[str, Any]]:
     """Return the documentation of an answer that is a file, of one of these types."""
     return {200: {"content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in media_types}}}

@@ -39,10 +39,10 @@ def forces_svg(log: LogColumns) -> str:
     colours = dict(zip(SIDES, COLOURS, strict=False))
     peaks = {side: _peaks(log, side) for side in log.index.sides}
     highest = max(_LEAST_N, *(float(peak.max()) for peak in peaks.values()))
-    lines = "".join(
-        f'<polyline points="{_points(peak / highest)}" fill="none" stroke="{colours[side]}" stroke-width="1.3"/>'
-        for side, peak in peaks.items()
-    )
+    lines = ""
+    for side, peak in peaks.items():
+        points = " ".join(f"{px},{HEIGHT - 1 - n / highest * (HEIGHT - 3):.1f}" for px, n in enumerate(peak))
+        lines += f'<polyline points="{points}" fill="none" stroke="{colours[side]}" stroke-width="1.3"/>'
     size = f'width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}><title>{highest:.0f} N at most</title>{lines}</svg>'
 
@@ -56,10 +56,6 @@ def _peaks(log: LogColumns, side: str) -> np.ndarray:
         high = np.repeat(high, -(-WIDTH // len(high)))  # a short log has fewer buckets than there are pixels
         np.maximum.at(found, (np.arange(len(high)) * WIDTH / len(high)).astype(int), high)
     return found
-
-
-def _points(shares: np.ndarray) -> str:
-    return " ".join(f"{px},{HEIGHT - 1 - share * (HEIGHT - 3):.1f}" for px, share in enumerate(shares))
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,10 +70,10 @@ def restore(trash_id: TrashId, parts: NeedsParts) -> LogRow:
         name = trash.restore(parts.catalogue.directory, trash_id)
     except LogError as error:
         raise HTTPException(409, str(error)) from None
-    entry = next((each for each in parts.catalogue.entries() if each.path.name == name), None)
-    if entry is None:
-        raise HTTPException(404, "it was removed meanwhile")
-    return log_row(entry, None)
+    for entry in parts.catalogue.entries():
+        if entry.path.name == name:
+            return log_row(entry, None)
+    raise HTTPException(404, "it was removed meanwhile")
 
 
 @router.post("/trash/empty")

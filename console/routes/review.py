@@ -58,10 +58,7 @@ async def stream(websocket: WebSocket, detail: Detail, view: str) -> None:
 
 @router.websocket("/api/logs/{log_id}/scrub")
 async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
-    """Take cursors as JSON, {"t": s, "signals": "a,b"}; show the newest one in the scene, then answer what is there.
-
-    Cursors that arrive meanwhile are passed over: a page that drags is never behind.
-    """
+    """Take cursors as JSON; show the newest one in the scene, then answer what is there. Others are passed over."""
     parts = parts_of(websocket)
     await websocket.accept()
     newest: asyncio.Queue[str] = asyncio.Queue()
@@ -82,7 +79,6 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
 
 
 def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
-    """Return the answer."""
     try:
         cursor = Cursor.model_validate_json(text)
         read = begun(parts.catalogue, parts.review_cache, log_id)

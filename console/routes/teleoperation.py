@@ -37,10 +37,7 @@ _Deflection = Annotated[list[Annotated[StrictFloat, Field(ge=-1.0, le=1.0)]], Fi
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class PadPoses:
-    """A pose for each arm, or for one of them: position, m, and quaternion wxyz, both in the world (7 numbers).
-
-    A cell of one arm takes this arm's alone.
-    """
+    """A pose for each arm that the cell has, or for one: position, m, and quaternion wxyz, in the world (7 numbers)."""
 
     left: _Pose | None = None
     right: _Pose | None = None
@@ -48,10 +45,7 @@ class PadPoses:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class Deflections:
-    """A deflection for each arm, or for one: along and about the world's axes, -1 to 1 of the speed (6 numbers).
-
-    A cell of one arm takes this arm's alone.
-    """
+    """A deflection for each arm of the cell, or for one: along and about the world's axes, -1 to 1 of the speed."""
 
     left: _Deflection | None = None
     right: _Deflection | None = None
@@ -188,8 +182,8 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     if not (message.clutch or message.grip or any(motion is not None for motion in motions)):
         return
     # a message of an arm that the cell lacks is refused before all else
-    given = message.pose, message.hands, message.deflection, message.sensed
-    pose, hands, deflection, sensed = (_of_arms(parts, said) for said in given)
+    given = message.sensed, message.pose, message.hands, message.deflection
+    sensed, pose, hands, deflection = (_of_arms(parts, said) for said in given)
     admission = teleop.admit(operator, message.stamp, came_ns)
     if not admission.alive:
         return

@@ -62,11 +62,10 @@ def means_of(rows: Iterable[LogRow], measure: Measure) -> list[MeansOf]:
 
 
 def _of_group(controller: str, thing: str, rows: list[LogRow], measure: Measure) -> MeansOf:
-    places: dict[float, list[LogRow]] = {}
+    values: dict[float, list[float]] = {place: [] for place in sorted({row.displacement_mm or 0.0 for row in rows})}
     for row in rows:
-        places.setdefault(row.displacement_mm or 0.0, []).append(row)
-    found = {place: [getattr(row, measure) for row in group] for place, group in sorted(places.items())}
-    values = {place: [float(value) for value in group if value is not None] for place, group in found.items()}
+        if (value := getattr(row, measure)) is not None:
+            values[row.displacement_mm or 0.0].append(float(value))
     return MeansOf(
         controller=controller,
         object=thing,

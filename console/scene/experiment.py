@@ -1,7 +1,6 @@
 """The experiment in the scene: where the object belongs and where it is put, the way of both pads, what they have met.
 
-It is the trial that the form asks for, before it runs and while it runs, for all who look. World frame. Colours of the
-modes are the ones of the lights and the bands.
+It is the trial that the form asks for, before it runs and while it runs, for all who look. World frame.
 """
 
 from collections.abc import Sequence
@@ -57,10 +56,7 @@ class TrialPlans:
         self._running = job, plan, self._asked(plan)
 
     def current(self, status: Status | None) -> tuple[TrialPlan | None, TrialPath | None]:
-        """Return what is to be drawn: of a running trial its own plan, if it is known, else the form's.
-
-        The path is None until the plan's reference was read, and where it has none.
-        """
+        """Return what is to be drawn, of a running trial its own plan; the path: None until the reference was read."""
         job = None if status is None else status.job
         plan, question = self._form
         if job is not None and job.active:
@@ -114,11 +110,10 @@ class ExperimentFigures:
         for node in self._nodes:
             node.remove()
         self._nodes.clear()
-        if plan is None:
-            return
-        self._place(plan)
-        if path is not None:
-            self._way(path)
+        if plan is not None:
+            self._place(plan)
+            if path is not None:
+                self._way(path)
 
     def show_hits(self, hits: Sequence[tuple[Array, Array] | None]) -> None:
         """Show where each pad has felt the most, (3,) m, and what, (3,) N; None: nothing yet."""
@@ -148,8 +143,7 @@ class ExperimentFigures:
             self._lines(f"{name}/before", segments(path.before[side], dashed=True), post, 3.0)
             self._lines(f"{name}/post", segments(path.post[side]), post, 3.0)
             velocity = np.array(path.velocity[side])
-            length = float(np.linalg.norm(velocity))
-            if length > 0.0:
+            if (length := float(np.linalg.norm(velocity))) > 0.0:
                 impact = np.array(path.impact[side])
                 way = velocity / length * max(_ARROW_M, _ARROW_S * length)
                 self._nodes.append(

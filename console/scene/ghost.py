@@ -132,6 +132,6 @@ class GhostPlayer:
         play, view = self._play, self.view
         if play is None or view is None:
             return None
-        motion = play[1]
-        row = min(int(np.searchsorted(motion.t_s, view.t_s)), len(motion.t_s) - 1)
+        motion, at = play[1], int(np.searchsorted(play[1].t_s, view.t_s))
+        row = min(at, len(motion.t_s) - 1)
         return motion.q[row], motion.object, None if motion.object_poses is None else motion.object_poses[row]

@@ -69,14 +69,11 @@ class _Hand:
         if force is not None:
             self._force.show(pose[:3], force)
 
-    def show_command(self, pose: Array) -> None:
-        """Show where the arm is told to be, (7,)."""
-        if np.abs(pose - self._told).max() > _SMALLEST_MOVE:
-            self._told = pose
-            self._command.position, self._command.wxyz = pose[:3], pose[3:]
-
-    def show_request(self, pose: Array, refused: bool) -> None:
-        """Show what is asked of the arm, (7,)."""
+    def show(self, pose: Array, refused: bool, command: Array) -> None:
+        """Show what is asked of the arm, and where it is told to be, (7,) each."""
+        if np.abs(command - self._told).max() > _SMALLEST_MOVE:
+            self._told = command
+            self._command.position, self._command.wxyz = command[:3], command[3:]
         self._wire.color = _REFUSED_COLOUR if refused else _REQUEST_COLOUR
         # a pose that is set during a drag does not stick
         if not self._teleop.dragging(self._side) and self._upright is not None:
@@ -104,5 +101,4 @@ class Gizmos:
             if measured is not None:
                 hand.show_measured(measured[side], None if forces is None else forces[side])
             if asked is not None and command is not None:
-                hand.show_request(asked[side], view.refusal is not None)
-                hand.show_command(command[side])
+                hand.show(asked[side], view.refusal is not None, command[side])

@@ -49,7 +49,11 @@ def light_parts(model: RobotModel, link: str) -> list[Part]:
     by_colour: dict[tuple[int, int, int], list[Part]] = {}
     for part in read_collada(path):
         by_colour.setdefault(part.colour, []).append(part)
-    return [part for parts in by_colour.values() if len((part := coarse(joined(parts), COARSE_M)).faces)]
+    found = []
+    for colour, parts in by_colour.items():
+        vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+        found.append(coarse(Part(vertices, faces.astype(np.uint32), colour), COARSE_M))
+    return [part for part in found if len(part.faces)]
 
 
 @cache
@@ -61,24 +65,16 @@ def hull_parts(model: RobotModel, link: str) -> list[Part]:
     return [Part(np.asarray(grown, np.float32), np.asarray(hull.faces, np.uint32), _PLAIN)]
 
 
-def joined(parts: list[Part]) -> Part:
-    """Return parts of one colour as one."""
-    vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
-    return Part(vertices, faces.astype(np.uint32), parts[0].colour)
-
-
 def coarse(part: Part, cell_m: float) -> Part:
-    """Return a part whose vertices in each cube of cell_m are one, in their middle (vertex clustering, Rossignac 1993).
-
-    Faces that have become lines, or that lie on another one, are left out.
+    """Return a part whose vertices in each cube of cell_m are one, in their middle (vertex clustering, Rossignac 1993),
+    without faces that have become lines, or that lie on another one.
     """
     cells, cluster = np.unique(np.floor(part.vertices / cell_m).astype(np.int64), axis=0, return_inverse=True)
     cluster = cluster.reshape(-1)
     count = np.bincount(cluster, minlength=len(cells))
     vertices = np.stack([np.bincount(cluster, part.vertices[:, axis]) for axis in range(3)], axis=1) / count[:, None]
     faces = cluster[part.faces]
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    faces = faces[whole]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     return Part(vertices.astype(np.float32), faces[np.sort(first)].astype(np.uint32), part.colour)
 

@@ -88,5 +88,5 @@ def _line(result: dict) -> str:
     if not result["success"]:
         return f"would fail: {result['failure_reason']}"
     force, verdict = result["average_force_norm"], result["impact_verdict"]
-    words = "" if force is None else f"force norm {force:.1f}", "" if verdict is None else f"impact {verdict}"
-    return ", ".join(filter(None, ("would succeed", *words)))
+    words = [f"force norm {force:.1f}"] * (force is not None) + [f"impact {verdict}"] * (verdict is not None)
+    return ", ".join(["would succeed", *words])

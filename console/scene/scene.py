@@ -113,8 +113,15 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
             "/floor", _FLOOR_M, _FLOOR_M, cell_size=0.1, section_size=0.5, cell_color=(126, 134, 143),
             section_color=_FLOOR_COLOUR,
         )  # fmt: skip
-    else:
-        _add_light_stage(scene)
+    else:  # plain lights and a floor of lines: viser's surroundings and floor shader hold software rendering up
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(enabled=False)
+        scene.add_light_ambient("/light/all", intensity=1.3)
+        scene.add_light_directional("/light/above", intensity=2.2, position=(-1.0, 0.6, 1.6))
+        half, places = _FLOOR_M / 2.0, np.arange(-_FLOOR_M / 2.0, _FLOOR_M / 2.0 + 0.25, 0.5)
+        lines = [((at, -half, 0.0), (at, half, 0.0)) for at in places]
+        lines += [((-half, at, 0.0), (half, at, 0.0)) for at in places]
+        scene.add_line_segments("/floor", np.array(lines), _FLOOR_COLOUR, thickness=1.0, thickness_units="screen")
     x, y = cell.table.centre_xy
     length, width = cell.table.size_xy
     scene.add_box(
@@ -123,22 +130,9 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
     )  # fmt: skip
 
 
-def _add_light_stage(scene: viser.SceneApi) -> None:
-    """Draw plain lights and a floor of lines: viser's surroundings and floor shader hold software rendering up."""
-    scene.configure_environment_map(None)
-    scene.configure_default_lights(enabled=False)
-    scene.add_light_ambient("/light/all", intensity=1.3)
-    scene.add_light_directional("/light/above", intensity=2.2, position=(-1.0, 0.6, 1.6))
-    half, places = _FLOOR_M / 2.0, np.arange(-_FLOOR_M / 2.0, _FLOOR_M / 2.0 + 0.25, 0.5)
-    lines = [((at, -half, 0.0), (at, half, 0.0)) for at in places]
-    lines += [((-half, at, 0.0), (half, at, 0.0)) for at in places]
-    scene.add_line_segments("/floor", np.array(lines), _FLOOR_COLOUR, thickness=1.0, thickness_units="screen")
-
-
 class CellFigures:
-    """What moves: the arms and the object, in the scene of a server or of one client.
-
-    `full` chooses the visual meshes, otherwise the light ones without shadows. ghost: drawn as one, in the light way.
+    """What moves: the arms and the object, in the scene of a server or of one client. full: with visual meshes and
+    shadows; ghost: drawn as one, in the light way.
     """
 
     def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool, ghost: Ghost = SOLID) -> None:

@@ -1,13 +1,8 @@
 """A viser server that only our proxy can reach: loopback, a free port, and a secret header on every request.
 
 viser 1.1.1 has no sign-in and no Origin check of its own, so its port is guarded where its WebSocket server is made.
-The version is pinned, and the refusal is tested.
-
-What a scene's server sends to its pages, packed once for all of them.
-
-viser 1.1.1 packs every window of messages for each page anew, which is most of what a viewer costs. Pages that keep up
-are sent the same windows; a page that does not gets its own, and what it is too late for is left out by viser itself.
-The form is that of viser.infra._infra._message_producer, whose place this takes.
+It packs every window of messages for each page anew, which is most of what a viewer costs; here it is packed once for
+all pages that keep up, in the form of viser.infra._infra._message_producer, whose place this takes.
 """
 
 import contextlib

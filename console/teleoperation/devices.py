@@ -136,8 +136,8 @@ class Grips:
     def track(self, hands: OfArms, asked: Array, coupling: Coupling, anew: bool = False) -> Array:
         """Return the requests for controllers in a person's hands, (7,) each, None for one that leads nothing.
 
-        Each pad goes as its hand has gone. Two hands lead a pad each, whatever the coupling; by it one hand leads the
-        other pad too. anew: each hand leads from where it is now.
+        Two hands lead a pad each, whatever the coupling; by it one hand leads the other pad too. anew: each hand leads
+        from where it is now.
         """
         if anew:
             self.let_go()

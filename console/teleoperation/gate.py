@@ -35,10 +35,9 @@ _ORDER = "a later one has come before it"
 
 @dataclass(frozen=True, slots=True)
 class Admission:
-    """What the gate says of a command. drop: None where it is applied; text: why not.
-
-    Times are ns of the console's clock, in the middle of both limits: when it was made, of which moment its picture
-    was, and when that was seen. latest_ns: when it was made at the latest, by the upper one.
+    """What the gate says of a command. drop: None where it is applied; text: why not. Times are ns of the console's
+    clock, in the middle of both limits: when it was made, of which moment its picture was, and when that was seen;
+    latest_ns: when it was made at the latest.
     """
 
     drop: Drop | None

@@ -93,16 +93,12 @@ class TeleopInput:
         self, operator: str, coupling: Coupling | None = None, speed_m_s: float | None = None,
         stiffness_n_m: float | None = None, handles: Handles | None = None,
     ) -> None:  # fmt: skip
-        """Set how the arms follow, and what the gizmos do.
-
-        Raises RobotRefused unless the operator is the holder, and for a coupling of two arms where there is one.
-        """
+        """Set how the arms follow, and what the gizmos do. Raises RobotRefused, as for two arms where there is one."""
         with self._lock:
             self._check_holder(operator)
             if len(self._watch.sides) == 1 and coupling not in (None, Coupling.SEPARATE):
-                raise RobotRefused(
-                    f"coupling {coupling} takes two arms, and the cell has one: leave it {Coupling.SEPARATE}"
-                )
+                known = f"the cell has one: leave it {Coupling.SEPARATE}"
+                raise RobotRefused(f"coupling {coupling} takes two arms, and {known}")
             self._coupling = coupling or self._coupling
             self._handles = handles or self._handles
             if speed_m_s is not None:
@@ -114,10 +110,7 @@ class TeleopInput:
                 self._write()
 
     def admit(self, operator: str, stamp: Stamp | None, came_ns: int | None = None) -> Admission:
-        """Judge a command before anything else is done with it: the gate of all devices. came_ns: when it came.
-
-        Raises RobotRefused unless the operator is the holder.
-        """
+        """Judge a command before all else: the gate of all devices. came_ns: when it came. Raises RobotRefused."""
         with self._lock:
             self._check_holder(operator)
             self._notice()
@@ -252,10 +245,7 @@ class TeleopInput:
             self._ask(np.array([now if pose is None else pose for now, pose in zip(asked, poses, strict=True)]))
 
     def track(self, operator: str, hands: OfArms) -> None:
-        """Let each arm's pad go as the hand that leads it, (7,) in the world's axes; None: it leads nothing.
-
-        Raises RobotRefused as `move` does.
-        """
+        """Let each arm's pad go as the hand that leads it, (7,), or None. Raises RobotRefused as `move` does."""
         with self._lock:
             asked = self._held_request(operator)
             self.drop(operator, self._motion.problem("hand", hands))
@@ -263,18 +253,13 @@ class TeleopInput:
             self._refusal = self._refusal or self._motion.paused
 
     def jog(self, operator: str, deflections: OfArms) -> None:
-        """Ask for what keys or sticks say of each arm, (6,), for the time since they last did.
-
-        Raises RobotRefused as `move` does.
-        """
+        """Ask for what keys or sticks say of each arm, (6,), since they last did. Raises RobotRefused as `move`."""
         pace = self._pace()
         with self._lock:
             self._ask(deflected(self._held_request(operator), deflections, *pace, self._coupling))
 
     def lead(self, operator: str, lead: Lead) -> None:
-        """Lead the hands, for the time since this was last said. Raises RobotRefused as `move` does, and where there is
-        nothing to undo.
-        """
+        """Lead the hands, for the time since this was last said. Raises RobotRefused, as without a drag to undo."""
         pace = self._pace()
         with self._lock:
             asked = self._held_request(operator)
@@ -298,10 +283,7 @@ class TeleopInput:
         return (self._jogged_ns - before_ns) * 1e-9, self._speed, reach.TURN_RAD_M * self._speed
 
     def drag(self, side: int, grip: Array, phase: str) -> None:
-        """Take a gizmo's pose (7,). side: its arm's place in the arrays.
-
-        Only the holder's messages get as far as this (console.routes.scene).
-        """
+        """Take a gizmo's pose (7,): console.routes.scene lets the holder's through. side: place in the arrays."""
         with self._lock:
             self._notice()
             if phase == "end":
@@ -322,9 +304,7 @@ class TeleopInput:
             self._ask(self._grips.drag(side, grip, self._asked, phase == "start", self._coupling))
 
     def _drag_is_late(self) -> bool:
-        """Whether a drag must not be followed: the scene's client stamps nothing, so that a drag has the stamp of the
-        last sign of life, which comes the same way.
-        """
+        """Whether a drag must not be followed: it has the stamp of the last sign of life, which comes the same way."""
         if self._by is None or self._admitted is None:
             return False
         if self._clock() - self._admitted_ns > (OLDEST_COMMAND_S + BEAT_S) * 1e9:

@@ -42,11 +42,9 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class TrialCard:
-    """The card of a trial. what: the order in words; sentence: how it ended and why.
-
-    compared: number of earlier trials with this object that the numbers are compared with, at most ten; before: id of
-    the newest earlier trial of any object. again: the order, for a repetition; None if its reference can no longer be
-    followed, with the reason in `refusal`.
+    """The card of a trial. what: the order in words; sentence: how it ended and why; compared: number of earlier trials
+    with this object that the numbers are compared with, at most ten; before: id of the newest earlier trial. again: the
+    order, for a repetition; None if its reference can no longer be followed, with the reason in `refusal`.
     """
 
     row: LogRow

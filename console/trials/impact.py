@@ -56,14 +56,12 @@ def impact_of(entry: LogEntry) -> Impact | None:
 @lru_cache(maxsize=_REMEMBERED)
 def _impact(path: Path, _size_bytes: int, _modified_s: float) -> Impact | None:
     try:
-        return read_impact(path)
-    except (LogError, OSError, ValueError):
+        return _read_impact(read_log(path))
+    except (LogError, OSError, ValueError):  # or one that is not as ours are
         return None
 
 
-def read_impact(path: Path) -> Impact | None:
-    """Read the impact of a trial. Raises LogError, ValueError for a log that is not as ours are."""
-    log = read_log(path)
+def _read_impact(log: Log) -> Impact | None:
     first_ns = log.first_ns(ARM_TOPICS[0])
     result, trial = log.metadata.get("result", {}), log.metadata.get("trial", {})
     if first_ns is None or "nominal_impact_s" not in trial:
