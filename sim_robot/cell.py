@@ -1,7 +1,8 @@
 """The simulated cell behind hal's contract: one arm or two and a tracker on one plant, in one process.
 
 A read by an arm that has seen the present state advances the plant by 1 ms for all arms: their order does not matter,
-and an arm that did not write keeps its last torque. The first reads return the state at t = 0."""
+and an arm that did not write keeps its last torque. The first reads return the state at t = 0.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -98,19 +99,13 @@ class SimulatedArm:
 class SimulatedCell:
     """The scene's arms, a tracker, one plant; `as_cell` gives what hal knows of it.
 
-    arms: in the order of `Scene.sides`, as all arrays of arms here; left, right: the same by name, None for none."""
+    arms: in the order of `Scene.sides`, as all arrays of arms here; left, right: the same by name, None for none.
+    """
 
     def __init__(
-        self,
-        plant: Plant,
-        scene: Scene,
-        parameters: PlantParameters,
-        seed: int,
-        clock: PacedLockstep | None = None,
-        box_kind: type[ControlBox] = ControlBox,
-        faults: tuple[ScriptedFault, ...] = (),
-        empty: bool = False,
-    ) -> None:
+        self, plant: Plant, scene: Scene, parameters: PlantParameters, seed: int, clock: PacedLockstep | None = None,
+        box_kind: type[ControlBox] = ControlBox, faults: tuple[ScriptedFault, ...] = (), empty: bool = False,
+    ) -> None:  # fmt: skip
         """empty: the plant's object is out of reach and out of sight, from the start."""
         self.plant, self.clock, self.seed, self.scene = plant, clock, seed, scene
         self.sensors = Sensors(plant, parameters.sensors, faces(scene), seed)
@@ -130,9 +125,7 @@ class SimulatedCell:
         tracker = tracker_of(plant, parameters.tracker, seed)
         self.tracker = tracker if self.faults is None else FaultyTracker(tracker, self.faults)
         # None: no hand is mounted
-        self.hands = tuple(
-            None if place.hand is None else Hand(plant, side, place.hand) for side, place in enumerate(scene.arms)
-        )
+        self.hands = tuple(place.hand and Hand(plant, side, place.hand) for side, place in enumerate(scene.arms))
         self._mounted = tuple(hand for hand in self.hands if hand is not None)
         self.arms = tuple(SimulatedArm(self, side) for side in range(count))
         by_name = dict(zip(scene.sides, self.arms, strict=True))
@@ -229,31 +222,21 @@ def cell_scene(scene: Path | None, cell_file: Path | None, sides: Sequence[str] 
 
 
 def simulated_cell(
-    object_name: str,
-    displacement: Displacement | float,
-    seed: int,
-    *,
-    scene: Path | None = None,
-    cell_file: Path | None = None,
-    parameters: PlantParameters | None = None,
-    clock: PacedLockstep | None = None,
-    box_kind: type[ControlBox] = ControlBox,
-    faults: tuple[ScriptedFault, ...] = (),
-    on_the_wire: bool = False,
-    arms_seed: int | None = None,
-    profile: str = IDEAL,
-    sides: tuple[str, ...] | None = None,
-) -> SimulatedCell:
+    object_name: str, displacement: Displacement | float, seed: int, *, scene: Path | None = None,
+    cell_file: Path | None = None, parameters: PlantParameters | None = None, clock: PacedLockstep | None = None,
+    box_kind: type[ControlBox] = ControlBox, faults: tuple[ScriptedFault, ...] = (), on_the_wire: bool = False,
+    arms_seed: int | None = None, profile: str = IDEAL, sides: tuple[str, ...] | None = None,
+) -> SimulatedCell:  # fmt: skip
     """Build the cell with this object, displaced from its place (a number: along y, m); NO_OBJECT: an empty cell.
 
     cell_file: a lab's own, for its objects. arms_seed: of the arms alone. Without a clock it is lockstep: a seed gives
     bit-identical states. on_the_wire: an FCI server carries out the faults of the link. profile: its name. sides: left,
     right or both, by default those of scene and cell_file. Raises UnknownObject, ObjectOutOfReach, ConfigurationError,
-    FaultNeedsLink."""
+    FaultNeedsLink.
+    """
     if not on_the_wire:
         refuse_link_faults(faults)
-    layout = cell_scene(scene, cell_file, sides)
-    parameters = load_plant_parameters() if parameters is None else parameters
+    layout, parameters = cell_scene(scene, cell_file, sides), parameters or load_plant_parameters()
     empty = object_name == NO_OBJECT
     if empty and Displacement.of(displacement) != Displacement():
         raise ObjectOutOfReach(f"an empty cell (object {NO_OBJECT!r}) has nothing that could be displaced")

@@ -8,7 +8,8 @@ An object is grasped where width - epsilon_inner < d < width + epsilon_outer (li
 - a grasp closes, whatever the width; one that misses lets go, and so does one while something is held (libfranka 108);
 - stop lets go of what is held (libfranka 18, grasp_object.cpp);
 - a move that is blocked does not end for some 100 s (franka_ros 281).
-Chosen here: a speed or force above the hand's is taken as the hand's, a new command aborts the former."""
+Chosen here: a speed or force above the hand's is taken as the hand's, a new command aborts the former.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum

@@ -1,7 +1,8 @@
 """The Franka Hand that a scene may mount on an arm's flange, by its published numbers.
 
 Sources: what Desk sets for the hand (mass, centre, inertia, end effector); its manual (travel, speed, force);
-franka_description (where the fingers begin)."""
+franka_description (where the fingers begin).
+"""
 
 from dataclasses import dataclass
 from math import cos, pi, sin

@@ -1,7 +1,8 @@
 """A lab's own arms and objects: what the plant takes of the cell's file, where the controller finds its own values.
 
 A file with `model` or `pad` in [left] or [right] gives the simulated arm both, and its `home`; a file with one of the
-two tables describes a cell with this arm alone. [objects.NAME] and [objects.NAME.plant]: docs/howto/cell.md."""
+two tables describes a cell with this arm alone. [objects.NAME] and [objects.NAME.plant]: docs/howto/cell.md.
+"""
 
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -57,9 +58,7 @@ def _as_described(arm: ArmPlacement, described: Any, cell_file: Path, side: str)
 
 
 def difference(scene: Scene, cell_file: Path, name: str) -> str | None:
-    """Return in one line in what the plant's object differs from its description in the cell's file, None for nothing.
-
-    scene: with the objects of the cell's file."""
+    """Return in one line in what the plant's object differs from the cell's file. scene: with the file's objects."""
     described = _described(cell_file).get(name)
     if described is None or name not in scene.objects:
         return None

@@ -1,7 +1,8 @@
 """The MuJoCo model of the cell, generated in memory from the arms' description and the scene.
 
 Degrees of freedom: seven joints of each arm in the order of `Scene.sides`, then the object's free joint. MuJoCo sees
-the link side of the arms only: no armature, damping, actuators or joint limits (the reflexes watch those)."""
+the link side of the arms only: no armature, damping, actuators or joint limits (the reflexes watch those).
+"""
 
 from typing import Any
 

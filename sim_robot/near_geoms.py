@@ -1,7 +1,8 @@
 """Which geoms MuJoCo looks at: those that may touch another one before the next look (decision 68). Compiled.
 
 A geom all of whose pairs are surely farther apart than everything has moved since the last look is left out by its
-collision masks. The contacts, and what is simulated, are the same to the last bit."""
+collision masks. The contacts, and what is simulated, are the same to the last bit.
+"""
 
 from math import sqrt
 

@@ -60,7 +60,8 @@ class Plant:
 
     Arrays of all arms have shape (n, ...), in the order of `Scene.sides`; an arm's `side` is its index there. `joints`
     and `motors` are records (n,). Friction is the sigmoid of JointParameters as seen at the commanded torque, tau_fric
-    of (7)-(10); at the motor itself it is B / B_theta times that."""
+    of (7)-(10); at the motor itself it is B / B_theta times that.
+    """
 
     def __init__(
         self, scene: Scene, parameters: PlantParameters, object_name: str,
@@ -220,9 +221,7 @@ class Plant:
         self._pushed = any(push.any() for push in self._pushes)
 
     def put_object_back(self) -> bool:
-        """Put the object where it began, at rest. Returns whether it is there.
-
-        Where a pad is in the way it is taken off the table meanwhile, unless a pad touches it."""
+        """Put the object where it began, off the table where a pad is in the way; return whether it is there."""
         if self.gone:
             return True
         data, first = self.data, self.first_of_object

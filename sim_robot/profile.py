@@ -1,6 +1,7 @@
 """How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it.
 
-The profile `ideal` has zeros only, and changes no bit. docs/reference/simulated_robot.md has the tables."""
+The profile `ideal` has zeros only, and changes no bit. docs/reference/simulated_robot.md has the tables.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -110,13 +110,9 @@ def judge_of_commands(tau_last: Array, limits: ArmLimits) -> Callable[[Array], i
 
 
 def judge_of_states(
-    states: NDArray[np.void],
-    kinematics: NDArray[np.void],
-    judged: NDArray[np.void],
-    robots: tuple[RobotModel, ...],
-    tolerances: ReflexParameters,
-    masks: NDArray[np.int64],
-) -> Callable[[], int]:
+    states: NDArray[np.void], kinematics: NDArray[np.void], judged: NDArray[np.void], robots: tuple[RobotModel, ...],
+    tolerances: ReflexParameters, masks: NDArray[np.int64],
+) -> Callable[[], int]:  # fmt: skip
     """Return who judges the states (n,), once a ms: the errors go into masks (n,); it returns any arm's.
 
     kinematics: the sensors' KINEMATICS_RECORDs (n,); judged: JUDGED_RECORDs (n,), what is remembered from ms to ms. The

@@ -224,16 +224,13 @@ class Scene:
         return lower, upper
 
     def place(
-        self,
-        object_name: str,
-        displacement: Displacement | float,
-        pad_faces_y: Vector2,
-        generator: np.random.Generator | None,
-        tilt_deg: float = 0.0,
-    ) -> ObjectPlacement:
+        self, object_name: str, displacement: Displacement | float, pad_faces_y: Vector2,
+        generator: np.random.Generator | None, tilt_deg: float = 0.0,
+    ) -> ObjectPlacement:  # fmt: skip
         """Put the object on the table, displaced from its place (a number: along y, m); scattered with a generator.
 
-        tilt_deg: about the world's x, on a wedge. Raises UnknownObject, and ObjectOutOfReach with the allowed range."""
+        tilt_deg: about the world's x, on a wedge. Raises UnknownObject, and ObjectOutOfReach with the allowed range.
+        """
         thing = self.find(object_name)
         displacement = Displacement.of(displacement)
         yaw = displacement.yaw_rad

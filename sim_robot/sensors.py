@@ -1,7 +1,8 @@
 """What the robot reports of the plant: encoders, torque sensors and an estimate of external forces.
 
 Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where the robot pushes. Floats are rounded to
-float32, as the wire carries them."""
+float32, as the wire carries them.
+"""
 
 from math import exp, floor, pi, sqrt
 

@@ -1,6 +1,4 @@
-"""One millisecond of the plant, compiled: four substeps of flexible joints around MuJoCo's own step.
-
-MuJoCo is called through its C symbol: no Python runs between two substeps, and nothing is allocated."""
+"""One millisecond of the plant, compiled: four substeps of flexible joints around mj_step, called by its C symbol."""
 
 import ctypes
 from math import exp, isfinite

@@ -1,7 +1,8 @@
 """One box as its Desk knows it: who has control, what its brakes do, whether FCI is let in, when the self-test is due.
 
 Of the codes of refusals BrakesClosed, EmergencyStopPressed and Timeout are the vendor's; the others are guesses, as is
-that FCI stays as it is when control is given back, and ends when a self-test is overdue."""
+that FCI stays as it is when control is given back, and ends when a self-test is overdue.
+"""
 
 import secrets
 import threading

@@ -1,6 +1,7 @@
 """HTTPS in front of a DeskBox: paths, sign-in and codes. One thread a connection; nothing here is in real time.
 
-python -m sim_robot.desk.server FLAGS_DESCRIPTOR PORT SELF_TEST_DUE_S SIDE=ADDRESS...    in the order of the flags"""
+python -m sim_robot.desk.server FLAGS_DESCRIPTOR PORT SELF_TEST_DUE_S SIDE=ADDRESS...    in the order of the flags
+"""
 
 import base64
 import datetime

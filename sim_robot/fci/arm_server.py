@@ -46,13 +46,12 @@ def _flags(mask: int) -> np.ndarray:
 
 
 def _possible(request: MoveRequest) -> bool:
-    if request.controller > Controller.EXTERNAL or request.generator > Generator.NONE:
+    external, generator = request.controller == Controller.EXTERNAL, request.generator
+    if request.controller > Controller.EXTERNAL or generator > Generator.NONE:
         return False
-    if request.asynchronous and (
-        request.generator != Generator.JOINT_POSITION or request.controller == Controller.EXTERNAL
-    ):
+    if request.asynchronous and (generator != Generator.JOINT_POSITION or external):
         return False
-    return request.generator != Generator.NONE or request.controller == Controller.EXTERNAL
+    return generator != Generator.NONE or external
 
 
 class AnswerTimes:
@@ -79,22 +78,16 @@ class ArmServer:
     """One arm behind its link. `wire` is its RobotState, `motion` what it is to do, `settings` what was set."""
 
     def __init__(
-        self,
-        cell: SimulatedCell,
-        side: int,
-        link: Link,
-        settings: Settings,
-        motion: np.void,
-        wire: np.ndarray,
-        proximity: Proximity,
-        refresh: Callable[[], None],
-    ) -> None:
+        self, cell: SimulatedCell, side: int, link: Link, settings: Settings, motion: np.void, wire: np.ndarray,
+        proximity: Proximity, refresh: Callable[[], None],
+    ) -> None:  # fmt: skip
         self._refresh = refresh
         self._replies: list[tuple[int, Command, int, int]] = []  # from which state on, and what
         self._requests: list[tuple[int, Command, int, tuple]] = []  # the box will carry out with that state
         self._shown = 0  # states so far: the box's time, ms
         box, seed = cell.plant.profile.box, (cell.seed, BOX_DRAW, side)
-        self._latencies = {Command.MOVE: box.move_ms, Command.AUTOMATIC_ERROR_RECOVERY: box.recovery_ms}
+        recovery = Spread(*box.recovery_ms)
+        self._latencies = {Command.MOVE: Spread(*box.move_ms), Command.AUTOMATIC_ERROR_RECOVERY: recovery}
         self._stopping, self._setting = Spread(*box.stop_ms), Spread(*box.set_ms)
         self._draws = np.random.default_rng(np.random.SeedSequence(seed))
         self.hold_replies = False  # in lockstep: until the plant is at rest
@@ -203,10 +196,13 @@ class ArmServer:
     def _reply_later(self, command: Command, command_id: int, status: int, latency: Spread | None = None) -> None:
         """Answer after the next state, so that a client that reads then sees what it asked for; or as late as that."""
         self._refresh()
-        wait_ms = 0 if latency is None else round(latency.draw(self._draws))
         # one after the other: a client takes an answer for that to its last request
-        due = max([self._shown + wait_ms, *(reply[0] for reply in self._replies)])
-        self._replies.append((due, command, command_id, status))
+        self._replies.append((self._due(latency, self._replies), command, command_id, status))
+
+    def _due(self, latency: Spread | None, queue: Sequence[tuple]) -> int:
+        """Return the state with which the box comes to what is asked now, after what it has in the queue."""
+        wait_ms = 0 if latency is None else round(latency.draw(self._draws))
+        return max([self._shown + wait_ms, *(each[0] for each in queue)])
 
     def abandon(self) -> None:
         """Forget the client: its successor must not get its answers."""
@@ -306,10 +302,8 @@ class ArmServer:
 
     def handle(self, command: Command, command_id: int, values: tuple) -> None:
         """Carry out a request, as late as the box is, and answer it. Every request gets an answer."""
-        latency = self._latencies.get(command)
-        wait_ms = 0 if latency is None else round(Spread(*latency).draw(self._draws))
-        if wait_ms or self._requests:
-            due = max([self._shown + wait_ms, *(request[0] for request in self._requests)])
+        due = self._due(self._latencies.get(command), self._requests)
+        if due > self._shown or self._requests:
             self._requests.append((due, command, command_id, values))
         else:
             self._carry_out(command, command_id, values)

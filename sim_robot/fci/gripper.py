@@ -2,7 +2,8 @@
 
 Where no such gripper is mounted Connect is refused, and a connection that is ended here is reset: see
 docs/reference/compatibility.md. Source: libfranka-common, research_interface/gripper and vacuum_gripper. Chosen here:
-several clients, and ten states a second."""
+several clients, and ten states a second.
+"""
 
 import contextlib
 import socket
@@ -88,13 +89,6 @@ class GripperPort(Port):
         else:
             self._targets[session] = (session.address, port)
         self._answer(session, _CONNECT, command_id, struct.pack("<HH", status, self._version))
-
-    def _answer(self, session: Session, command: int, command_id: int, body: bytes) -> None:
-        message = GRIPPER_HEADER.pack(command, command_id, GRIPPER_HEADER.size + len(body)) + body
-        with contextlib.suppress(OSError):
-            if session.tcp.send(message) == len(message):
-                return
-        self._close(session)
 
     def settle(self) -> None:
         """Answer whose command has ended, in the order in which they came."""

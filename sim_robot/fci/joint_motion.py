@@ -1,6 +1,4 @@
-"""The generator of joint motions: positions and velocities that a client asks for, checked and followed. Compiled.
-
-What leaves the model's limits (hal/robots) ends the motion with the vendor's errors, all that apply."""
+"""The generator of joint motions: positions and velocities that a client asks for, checked and followed. Compiled."""
 
 from math import sqrt
 

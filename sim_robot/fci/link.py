@@ -12,11 +12,10 @@ import numpy as np
 from hal.wire import HEADER, PORT, ROBOT_COMMAND, VERSION
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.port import Port, Session
-from sim_robot.fci.protocol import PAYLOADS, Command, ConnectStatus, response
+from sim_robot.fci.protocol import PAYLOADS, Command, ConnectStatus
 from sim_robot.profile import LATE_SHARES
 
 MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client
-LARGEST_OUTBOX = 1 << 20  # a client that asks and never reads
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h: each datagram carries when the kernel got it, a timespec
 _TIMESPEC = struct.Struct("qq")
 _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
@@ -29,13 +28,9 @@ class Link(Port):
     header, payloads, most = HEADER, PAYLOADS, MOST_SESSIONS
 
     def __init__(
-        self,
-        poller: Poller,
-        address: str,
-        on_request: Callable[[Command, int, tuple], None],
-        on_command: Callable[[np.void], None],
-        on_gone: Callable[[], None],
-    ) -> None:
+        self, poller: Poller, address: str, on_request: Callable[[Command, int, tuple], None],
+        on_command: Callable[[np.void], None], on_gone: Callable[[], None],
+    ) -> None:  # fmt: skip
         """Listen at `address`, port 1337. Raises OSError, for example when the port is taken."""
         self._on_request, self._on_command, self._on_gone = on_request, on_command, on_gone
         self.client: Session | None = None
@@ -72,11 +67,6 @@ class Link(Port):
 
     # requests
 
-    def _serve(self, session: Session) -> None:
-        if session.outbox:
-            self._flush(session)
-        super()._serve(session)
-
     def _dispatch(self, session: Session, command: int, command_id: int, values: tuple) -> None:
         if command == Command.CONNECT:
             self._connect(session, command_id, *values)
@@ -92,12 +82,12 @@ class Link(Port):
         if self.client is not None or udp_port == 0:
             # libfranka waits for ever for an answer, even on a closed connection; this one it reports as an error
             self.refused += 1
-            self._send(session, response(Command.CONNECT, command_id, bytes((ConnectStatus.TAKEN,)) + bytes(2)))
+            self._answer(session, Command.CONNECT, command_id, bytes((ConnectStatus.TAKEN, 0, 0)))
             return
         body = bytes((ConnectStatus.SUCCESS,)) + VERSION.to_bytes(2, "little")
         if version != VERSION:
             body = bytes((ConnectStatus.INCOMPATIBLE_VERSION,)) + VERSION.to_bytes(2, "little")
-            self._send(session, response(Command.CONNECT, command_id, body))
+            self._answer(session, Command.CONNECT, command_id, body)
             return
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.setblocking(False)
@@ -112,29 +102,12 @@ class Link(Port):
             return
         self._poller.watch(self._udp, self._receive_commands)
         self.client = session
-        self._send(session, response(Command.CONNECT, command_id, body))
+        self._answer(session, Command.CONNECT, command_id, body)
 
     def reply(self, command: Command, command_id: int, body: bytes) -> None:
         """Answer the client, if it is still there."""
         if self.client is not None:
-            self._send(self.client, response(command, command_id, body))
-
-    def _send(self, session: Session, data: bytes) -> None:
-        session.outbox += data
-        if len(session.outbox) > LARGEST_OUTBOX:
-            self._distrust(session)
-            return
-        self._flush(session)
-
-    def _flush(self, session: Session) -> None:
-        try:
-            del session.outbox[: session.tcp.send(session.outbox)]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._close(session)
-            return
-        self._poller.want_write(session.tcp, bool(session.outbox))
+            self._answer(self.client, command, command_id, body)
 
     # states and commands
 

@@ -6,7 +6,8 @@ Deterministic for a client program, whatever the machine does:
 - Then a state is shown to all at once, idle arms first, and the plant waits for the answers of moving arms. One whose
   client has gone, or is silent for LONGEST_WAIT_S, loses packets, as on the robot, until the reflex.
 - An asynchronous motion and a hand's go on at 1 kHz of wall-clock time, unless an arm's answers set the pace.
-- After the last motion the plant comes to rest by itself; its last answer, a Move and a recovery wait for that."""
+- After the last motion the plant comes to rest by itself; its last answer, a Move and a recovery wait for that.
+"""
 
 import time
 from collections.abc import Callable

@@ -20,9 +20,7 @@ Deviation = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Largest deviations of the measured pose from the desired one: translation m, rotation rad, elbow rad; None: any.
-
-    path: at each ms of the motion; goal: at its end."""
+    """Largest deviations from the desired pose, m, rad and rad (elbow), in each ms (path) and at the end (goal)."""
 
     path: Deviation | None = None
     goal: Deviation | None = None

@@ -4,7 +4,8 @@ What a client may rely on is in docs/reference/simulated_robot.md (When a robot 
 - A client that answered late delays a millisecond by one period at most: an answer later than 1 ms is lost.
 - The server's own lateness of more than a period stops the clock, unless all awaited clients have been silent for
   LONGEST_SILENCE states. It is made up for while all have answered; beyond LARGEST_LAG_NS it is given up.
-- A torque that is late, but within a ms of its state, counts for the next ms; a motion's point does not."""
+- A torque that is late, but within a ms of its state, counts for the next ms; a motion's point does not.
+"""
 
 PERIOD_NS = 1_000_000
 # further behind than this, the robot's time slips instead of being caught up

@@ -1,6 +1,4 @@
-"""A TCP port of a box: who is connected, and whole checked requests. Never blocks.
-
-A header with an unknown command, or a size that is not that command's, closes the connection."""
+"""A TCP port of a box: who is connected, and requests of known commands and sizes. Never blocks."""
 
 import socket
 import struct
@@ -10,6 +8,7 @@ from typing import Any, ClassVar
 from sim_robot.fci.poller import Poller
 
 BACKLOG = 128  # connections that wait in the kernel to be taken
+LARGEST_OUTBOX = 1 << 20  # a client that asks and never reads
 ACCEPT_PERIOD_S = 0.5e-3  # one connection at a time, so that a flood costs the loop two a millisecond
 
 
@@ -83,6 +82,8 @@ class Port:
         self._close(session)
 
     def _serve(self, session: Session) -> None:
+        if session.outbox:
+            self._flush(session)
         try:
             chunk = session.tcp.recv(4096)
         except BlockingIOError:
@@ -104,6 +105,23 @@ class Port:
             values = self.payloads[command].unpack_from(inbox, header.size)
             del inbox[:size]
             self._dispatch(session, command, command_id, values)
+
+    def _answer(self, session: Session, command: int, command_id: int, body: bytes) -> None:
+        session.outbox += self.header.pack(command, command_id, self.header.size + len(body)) + body
+        if len(session.outbox) > LARGEST_OUTBOX:
+            self._distrust(session)
+        else:
+            self._flush(session)
+
+    def _flush(self, session: Session) -> None:
+        try:
+            del session.outbox[: session.tcp.send(session.outbox)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._close(session)
+            return
+        self._poller.want_write(session.tcp, bool(session.outbox))
 
     def _set_up(self, tcp: socket.socket) -> None:
         """Set the options of a new connection."""

@@ -1,11 +1,10 @@
 """The requests of the Franka Control Interface and their answers: version 10, little-endian, packed (hal.wire).
 
-Source: libfranka's public headers, research_interface/robot. Fields, errors, replies: docs/generate/fidelity.toml."""
+Source: libfranka's public headers, research_interface/robot. Fields, errors, replies: docs/generate/fidelity.toml.
+"""
 
 import struct
 from enum import IntEnum
-
-from hal.wire import HEADER
 
 VACUUM_VERSION = 1
 VACUUM_PORT = 1339
@@ -123,7 +122,3 @@ class Generator(IntEnum):
 GENERATOR_IDLE = 0
 
 assert PAYLOADS[Command.MOVE].size == 113
-
-
-def response(command: int, command_id: int, body: bytes) -> bytes:
-    return HEADER.pack(command, command_id, HEADER.size + len(body)) + body

@@ -2,7 +2,8 @@
 
 With a phase or a drift the right arm has a clock of its own: its states, ids and answers are due at its own instants.
 Both share one plant, which goes on with the left clock: what the right arm shows is at most one plant ms old, and its
-torque acts from the plant's next ms on. A twin's profile delays states (link_late_us). `pace.py`: who may be late."""
+torque acts from the plant's next ms on. A twin's profile delays states (link_late_us). `pace.py`: who may be late.
+"""
 
 import time
 from collections import deque

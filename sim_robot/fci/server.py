@@ -1,8 +1,8 @@
 """The arms of one plant behind their links, ticked by a pace: in real time or in lockstep."""
 
 import contextlib
-import functools
 import socket
+from functools import partial
 
 import numpy as np
 
@@ -64,7 +64,8 @@ class TrackerFeed:
     def publish(self, robot_t_ns: int, plant_t_ns: int) -> None:
         """Send the newest pose, if it is new, stamped with the robot's time. plant_t_ns: the poses' own time now.
 
-        Call it before the state of that time goes out: a client that has the state has the pose too."""
+        Call it before the state of that time goes out: a client that has the state has the pose too.
+        """
         pose = self._tracker.latest().record
         t_ns = int(pose["t_ns"][0])
         if t_ns == self._sent_t_ns:
@@ -105,12 +106,9 @@ class Server:
         for side, (address, place) in enumerate(zip(addresses, scene.arms, strict=True)):
             make_link, make_station = link_faults.kinds(cell.faults, side)
             link = make_link(
-                self.poller,
-                address,
-                on_request=functools.partial(self._request, side),
+                self.poller, address, on_request=partial(self._request, side), on_gone=partial(self._gone, side),
                 on_command=lambda command, side=side: self.arm_servers[side].take(command),
-                on_gone=functools.partial(self._gone, side),
-            )
+            )  # fmt: skip
             model, stiffness = cell.plant.robots[side], parameters.holding.stiffness
             settings = Settings(self._settings[side], model, scene.pads[side], stiffness, place.hand)
             wire = self._wires[side : side + 1]

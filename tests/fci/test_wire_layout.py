@@ -19,7 +19,7 @@ from hal.robot_errors import ROBOT_ERRORS
 from hal.robots import FR3
 from hal.state import RobotMode
 from hal.wire import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE
-from sim_robot.fci.protocol import Command, Controller, response
+from sim_robot.fci.protocol import Command, Controller
 from tests.programs.clients import probe_client
 from tests.programs.clients.probe_client import TORQUES
 
@@ -117,7 +117,7 @@ class Prop:
                 self._state["robot_mode"], self._state["controller_mode"] = RobotMode.MOVE, Controller.EXTERNAL
                 self._state["motion_generator_mode"] = 5
                 self._state["errors"] = 0
-            tcp.sendall(response(command, command_id, body))
+            tcp.sendall(HEADER.pack(command, command_id, HEADER.size + len(body)) + body)
 
 
 def test_the_smallest_state_that_it_accepts() -> None:
