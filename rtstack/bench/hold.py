@@ -1,5 +1,4 @@
-"""A soft hold of one arm under its judge, which finds a robot that does not carry its own weight: such an arm falls or
-rises, at 2.9 rad/s on another author's robot."""
+"""A soft hold of one arm under its judge: finds a robot that does not carry its own weight (falls at 2.9 rad/s)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,4 @@
-"""The link to the arms: how long a state takes to its answer and an answer to its state, and how many come in time.
-
-The arms are held softly where they are, under their judges (`bench/hold.py`)."""
+"""The link to the softly held arms: from a state to its answer, from an answer to its state, and how many in time."""
 
 import time
 from collections.abc import Sequence
@@ -110,7 +108,8 @@ def bench_link(
     """Hold the arms for `ticks` ms, and stop them. They may be anywhere: the judges look at no box.
 
     record: an npz file for the samples by side, whatever came out. Raises ArmMoved, HoldEnded where `stop` was asked
-    for, with the arms stopped, and HardwareError when the link breaks."""
+    for, with the arms stopped, and HardwareError when the link breaks.
+    """
     holds = _holds(description, ticks)
     try:
         with realtime_thread() if cell.own_clocks else nullcontext() as obtained:

@@ -1,6 +1,7 @@
 """Which workers of a scheduler get trials: those that have our version. The others are refused, with the reason.
 
-A trial asks for a resource that is named after the version, which a worker has once it has shown its own."""
+A trial asks for a resource that is named after the version, which a worker has once it has shown its own.
+"""
 
 import sys
 import threading

@@ -62,7 +62,8 @@ class Attempt:
 def aborted(reason: str | None) -> bool:
     """Return whether a run ended for a reason that counts for no controller. reason: why it failed, None for success.
 
-    A reflex is what the controller has led the robot to, and counts; a lost link and the way to the start do not."""
+    A reflex is what the controller has led the robot to, and counts; a lost link and the way to the start do not.
+    """
     return ON_THE_WAY in str(reason) or (End.in_reason(reason) in ABORTS and not reflex(reason))
 
 

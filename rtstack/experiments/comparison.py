@@ -21,7 +21,8 @@ class ColumnDifference:
     value.
 
     means: of both; difference: second minus first with its 95 % interval; largest: absolute; of rows with both
-    numbers."""
+    numbers.
+    """
 
     name: str
     differing: int
@@ -44,8 +45,7 @@ class ClaimPair:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """common: ids of the rows that both have; only: how many one has alone; equal: number of columns without a
-    difference."""
+    """common: ids of rows of both; only: how many one has alone; equal: how many columns do not differ."""
 
     common: Sequence[str]
     only: tuple[int, int]

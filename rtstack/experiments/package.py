@@ -22,9 +22,10 @@ _WORDS = {RESULTS: "a line a case", TIMES: "what the host made of each case", AT
 
 
 def pack(folder: Path, progress: Callable[[float], None] | None = None) -> Path:
-    """Write README.md, datapackage.json and SHA256SUMS into a campaign's folder. Returns the last one's path.
+    """Write README.md, datapackage.json and SHA256SUMS into a campaign's folder; return the last one's path.
 
-    progress: called with the share of checksums done. Raises TrialError for a folder without a campaign or report."""
+    progress: called with the share of checksums done. Raises TrialError for a folder without a campaign or report.
+    """
     with campaign_database(folder) as connection:
         if not (folder / PAGE).exists():
             raise TrialError(f"{folder} has no report yet: run its campaign to the end with --resume")

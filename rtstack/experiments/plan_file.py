@@ -35,9 +35,7 @@ def plan_file_at(path: Path) -> PlanFile:
 
 
 def digest_of(specification: Any, further: Iterable[Path] = (), also: object = None) -> str:
-    """Return the digest (16 hexadecimal digits) of a specification, a dataclass, and of further files' contents.
-
-    also: whatever else results depend on, by its repr."""
+    """Return the digest (16 hexadecimal digits) of a dataclass, of files' contents, and of the repr of `also`."""
     values = asdict(specification) | {"digest": ""}  # as plans had it when they knew their digest: old folders go on
     for name in ("kind", *UNDIGESTED):
         values.pop(name, None)

@@ -1,6 +1,7 @@
 """What a plan fixes before its cases are run: claims, what is left out, and on what its parameters were chosen.
 
-The digest of a campaign's rows does not depend on it: the report says where it was changed after they existed."""
+The digest of a campaign's rows does not depend on it: the report says where it was changed after they existed.
+"""
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping

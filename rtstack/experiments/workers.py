@@ -44,7 +44,8 @@ def local_workers(workers: int) -> Iterator[Client]:
     """Give so many worker processes of one thread each, heard on the loopback address only, with no dashboard.
 
     A scheduler runs what it is sent: its clients and workers prove by TLS that they have this campaign's key, which is
-    in its processes' memory alone. They end with this process, the only one that Ctrl-C reaches."""
+    in its processes' memory alone. They end with this process, the only one that Ctrl-C reaches.
+    """
     # workers that are ended in a trial leave its memory to Python's resource tracker: no need to warn of that
     os.environ["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"
     with (
@@ -82,9 +83,7 @@ class DistantClient(Client):
 
 @contextmanager
 def distant_workers(address: str) -> Iterator[Client]:
-    """Give the workers of the scheduler at tcp://HOST:PORT that have our version, whenever they join.
-
-    Raises TrialError where there are none. stderr has a line for each refusal."""
+    """Give the workers of the scheduler at tcp://HOST:PORT with our version. Raises TrialError without any."""
     with dask.config.set(_SETTINGS), _quiet():
         try:
             client = DistantClient(address, timeout=CONNECT_S)

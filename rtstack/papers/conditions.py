@@ -23,7 +23,8 @@ class Hand:
 
     grip: on each pad at rest, as a multiple of the least force m g / (2 mu) that holds the object by friction. depth_m:
     of the hand's target at rest inside the object's surface. stop_s: from the surface to there; by default 2 depth /
-    speed, an even stop (with less time the hand speeds up after the contact)."""
+    speed, an even stop (with less time the hand speeds up after the contact).
+    """
 
     grip: Positive | None = None
     depth_m: Annotated[float, Field(gt=0.0, le=0.14)] | None = None
@@ -56,7 +57,8 @@ class Conditions:
     pad_stiffness N/m; friction coefficients; friction_scatter: a fraction of pads' and table's; tau_ext_cutoff_hz:
     of the robot's filter of external torques; speed_m_s: of the pads at the object's surface in the demonstration.
     profile: of the simulated robot. hand: of the demonstration. law_inertia: in demonstration and trial. None: the
-    variation's own, or the cell's."""
+    variation's own, or the cell's.
+    """
 
     pad_stiffness: Positive
     pad_friction: Positive

@@ -43,7 +43,8 @@ def _described(cell_file: Path) -> tuple[CellDescription, list[Attachment]]:
 class CampaignBench:
     """What all runs of a campaign have in common, as it is sent to the workers. cell: its kind; digest: the campaign's.
 
-    Paths are absolute: workers on other machines need the same folders."""
+    Paths are absolute: workers on other machines need the same folders.
+    """
 
     out: Path
     cell: str
@@ -73,8 +74,7 @@ class CampaignBench:
 
 @dataclass(frozen=True, slots=True)
 class Bench(CampaignBench):
-    """elsewhere: of recordings and logs, if not in `out`, as fsspec knows it. lab_file: a cell_file with its own
-    objects."""
+    """elsewhere: of recordings and logs, for fsspec, if not in `out`. lab_file: a cell_file with its own objects."""
 
     criterion: SuccessCriterion
     elsewhere: str | None = None
@@ -128,8 +128,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
 def recording_stages(
     bench: Bench, references: Iterable[Reference], conditions: Callable[[Reference], Conditions], seed: int
 ) -> Generator[Stage, dict[str, str], dict[str, str]]:
-    """Record the references that are missing, under their conditions; seed: the plan's. Returns name -> why not
-    recorded."""
+    """Record the references that are missing, under their conditions. Returns by name why one is not recorded."""
     there = bench.archive.names(RECORDINGS)
     missing = [reference for reference in references if reference.file not in there]
     arguments = {

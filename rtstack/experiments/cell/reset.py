@@ -36,7 +36,8 @@ class Reset:
 
     carry: carries out a run for a case; wait: tells a person what is to be done for as long as there is something to
     tell; both note it. by_arms: they place the object. put_back: see CellHost. cell: set it anew once it is
-    reopened."""
+    reopened.
+    """
 
     def __init__(
         self, cell: Cell, carry: Carry, wait: Wait, by_arms: bool = True,
@@ -64,7 +65,8 @@ class Reset:
         """Have the arms put down what they hold and carry the object to its place; ask a person where they cannot.
 
         Returns once it stands there, measured. Raises TrialError at a stop, WayRefused where the arms have to go to the
-        start first."""
+        start first.
+        """
         description, name = planned.run.description, planned.run.specification.object
         self._clear(planned, case_id)
         if planned.wanted is None:
@@ -122,8 +124,7 @@ class Reset:
     def _by_a_person(
         self, description: CellDescription, name: str, wanted: Displacement, case_id: str, until_upright: bool
     ) -> bool:
-        """Tell a person what is wrong until the object has stood in its place for STANDS_S, or, with until_upright,
-        stands upright anywhere. Returns whether it stands in its place. Raises TrialError."""
+        """Tell a person what is wrong until the object stands in its place for STANDS_S; return whether it does."""
         since_s: float | None = None
         elsewhere = False
 

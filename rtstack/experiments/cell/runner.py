@@ -1,6 +1,7 @@
 """Runs a campaign on a cell's arms: one case after the other, the object set in its place by the arms before each.
 
-A case's log is the truth: its row is read back from it, as after a program that was killed."""
+A case's log is the truth: its row is read back from it, as after a program that was killed.
+"""
 
 import json
 import time
@@ -86,8 +87,7 @@ class CellRunner(Runner):
         return reason
 
     def _run(self, cases: list[Case], began_s: float) -> None:
-        """Run the cases in the order of the plan's schedule. Raises TrialError: of several objects, a stop was asked
-        for, a case was aborted, too many failed in a row. `--resume` goes on."""
+        """Run the cases in the schedule's order. Raises TrialError where a person has to look: `--resume` goes on."""
         every: list[Case] = list(self._experiment.cases(self._store.rows()))
         missing = {case.id for case in cases}
         setup_of = {case.id: self._experiment.on_cell(case).setup for case in every}

@@ -22,7 +22,8 @@ class CellSchedule:
     seed: of the order within the blocks. control: id of the case that is repeated at the beginning, every control_every
     cases and at the end, for the columns `drift`; warm_up: how often before everything. work_min, rest_min: pauses.
     failures_in_a_row: then the campaign stops. late_cycles: a case with more is run again, `attempts` times at most.
-    placed_by: who sets the object in its place."""
+    placed_by: who sets the object in its place.
+    """
 
     seed: Annotated[int, Field(ge=0)] = 0
     control: str | None = None
@@ -49,7 +50,8 @@ def ordered(
     """Return all cases of a plan in the order in which they run, which a plan fixes. begin: how the cell is set up.
 
     A block is a repetition of everything, drawn, so that what drifts is spread over all conditions; in it cases of one
-    set-up, which a person changes, follow each other, first those of the present one."""
+    set-up, which a person changes, follow each other, first those of the present one.
+    """
     draw = random.Random(f"{digest}.{schedule.seed}")
     found: list[C] = []
     for _, block in groupby(sorted(cases, key=_block), key=_block):

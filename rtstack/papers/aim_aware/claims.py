@@ -25,8 +25,7 @@ GENTLE = "the second corner touches with few newtons while the first one lifts, 
 
 @dataclass(frozen=True, slots=True)
 class Bands:
-    """shares: inclination, degrees, ascending -> share of its cases that were expected; fewest: cases of an
-    inclination."""
+    """shares: inclination, degrees, ascending -> share of its cases that were expected; fewest: cases of one."""
 
     shares: dict[float, float]
     cases: int
@@ -130,7 +129,8 @@ def at_contact(run: "Portion[Any, Any]", rows: Sequence[Row], number: int, mappe
 def evaluated(run: "Portion[Any, Any]", rows: Sequence[Row], every: Sequence[Row]) -> list[Section]:
     """Return the claims of a plan with the paper's letters, with our tuning, and once what both share.
 
-    rows: the judged ones; every: with those of the contacts that are run everywhere, judged where the map has none."""
+    rows: the judged ones; every: with those of the contacts that are run everywhere, judged where the map has none.
+    """
     if not rows:
         return []
     of_tunings, shared = ([claim for claim in run.claims if (claim.judge in SHARED) is each] for each in (False, True))

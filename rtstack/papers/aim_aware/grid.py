@@ -69,9 +69,7 @@ class Grid:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Column:
-    """A column of Table 1 or 2. always_deg: the inclinations that its figure always has as expected, from and to.
-
-    ambiguity_deg: the tuning is to expect nothing from here beyond the band, on either side."""
+    """A column of Table 1 or 2. always_deg: expected in its figure; ambiguity_deg: from here beyond it nothing is."""
 
     always_deg: tuple[Real, Real]
     ambiguity_deg: Positive

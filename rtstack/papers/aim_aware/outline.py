@@ -22,8 +22,7 @@ from rtstack.papers.aim_aware.planar.parameters import Task
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Marks:
-    """within_deg: resolution of inclinations, and how far beyond the paper's an edge may lie; ambiguity_deg: widest
-    area."""
+    """within_deg: resolution of inclinations, and an edge's tolerance; ambiguity_deg: the widest area, a side."""
 
     within_deg: Positive
     ambiguity_deg: Positive
@@ -33,7 +32,8 @@ class Marks:
 class ContactMap:
     """Contacts under which the paper's tables are run to the letter: all combinations of the values of a subclass.
 
-    grid: the points of the map; whole: numbers, from 1, of contacts that are run at the study's other points too."""
+    grid: the points of the map; whole: numbers, from 1, of contacts that are run at the study's other points too.
+    """
 
     grid: Grid
     whole: tuple[int, ...]
@@ -167,7 +167,8 @@ def tuned_for(path: Path, name: str, kind: type[T], command: str, further: Seque
     """Return the tuning of the study `name` at `path`. further: other files on which it depends.
 
     kind: has the `study_digest` for which it was found. Raises ConfigurationError with the command that finds it
-    again."""
+    again.
+    """
     tuning = tuning_file(name)
     if not tuning.exists():
         raise ConfigurationError(f"{path}: no tuning for {name} exists: find it with `{command}`")

@@ -52,9 +52,7 @@ def need(impact: Impact, column: Column, residual_rate_nm_s: tuple[float, ...]) 
 def separate(
     needs: Mapping[Case, Need], band: tuple[float, float], ambiguity_deg: float, overlapping: bool = False
 ) -> Found | None:
-    """Return the tuning for a band; None if a wanted case cannot be told from an unwanted one.
-
-    overlapping: then exactly the needs of the wanted cases."""
+    """Return the tuning for a band; None where wanted and unwanted cases cannot be told apart, if not overlapping."""
     low, high = band
     wanted = [need for case, need in needs.items() if low <= case.inclination_deg <= high]
     outside = (low - ambiguity_deg, high + ambiguity_deg)

@@ -1,6 +1,4 @@
-"""From a campaign's results to Tables II and III: a fit for each object and case, and each prediction's error.
-
-The unit of every interval is a robot, which has fits and errors of its own: t intervals over the robots."""
+"""From results to Tables II and III: fits, and the predictions' errors, by robot, with t intervals over robots."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -67,7 +67,8 @@ def feedback_signal(
     """Return the signal of a trial whose samples begin with its reference. arms: for their models.
 
     (28) has the feedback as an acceleration of the pad: Lambda^-1 times the controller's feedback wrench, (26),
-    gamma D (v_d - v) + K (x_d - x), gamma 0 at the detected impact and 1 after the interim mode; no feedforward."""
+    gamma D (v_d - v) + K (x_d - x), gamma 0 at the detected impact and 1 after the interim mode; no feedforward.
+    """
     t_ns = columns.arm[0]["t_ns"]
     t_s = (t_ns - t_ns[0]) * 1e-9 - nominal_impact_s
     ticks = np.flatnonzero((t_s >= -BEFORE_S - 1e-9) & (t_s <= AFTER_S + 1e-9))

@@ -45,7 +45,8 @@ class ValidationConditions:
 
     compensate_object: (26)-(27). B_theta_factor: the plant's reflected inertia over what controller and map count on.
     damping_ratio: of the object on a pad. motor_inertia_scatter: of B and B_theta of each joint, a fraction; None: the
-    scene's, the plant's own. map: which one the references follow after the impact. motions: the scenarios."""
+    scene's, the plant's own. map: which one the references follow after the impact. motions: the scenarios.
+    """
 
     pad_friction: Positive
     table_friction: Positive

@@ -2,7 +2,8 @@
 
 (30)-(31) of Appendix A: the mean feedback of free runs is what friction and gravity compensation leave along a
 reference. Feedback takes 2/sqrt(k) = 0.2 s to take up what changes; what it has not taken up yet accelerates the
-error, and counts too: a_fr = a_fb + d/dt (v_d - v). So for six coordinates of the pad and the posture's joint."""
+error, and counts too: a_fr = a_fb + d/dt (v_d - v). So for six coordinates of the pad and the posture's joint.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -43,8 +43,7 @@ from sim_robot.scene import NO_OBJECT, PlacementScatter
 def validation_cell(
     bench: "ValidationBench", object_name: str, seed: int, robot: int, conditions: ValidationConditions
 ) -> BuiltCell:
-    """Return the simulated cell of a trial: the arms of seed `robot`, everything else of `seed`; object_name: "" for
-    none."""
+    """Return the simulated cell of a trial: the arms of seed `robot`, all else of `seed`; object_name: or ""."""
     nominal, parameters = simulated_files(bench.lab_file)
     draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
     pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()
@@ -87,8 +86,7 @@ MEASURED: dict[str, type] = dict.fromkeys(
 
 @dataclass(frozen=True, slots=True)
 class ValidationBench(CampaignBench):
-    """nominal: the conditions of the identification. on_arms: of a cell, with its own joint friction. lab_file: see
-    Bench."""
+    """nominal: the identification's conditions. on_arms: of a cell, with its joint friction. lab_file: see Bench."""
 
     nominal: ValidationConditions
     on_arms: bool = False

@@ -17,7 +17,8 @@ RICE_BOX = "rice_box"
 class Table2Line:
     """One controller: share of successful grabs, and lift against its reference's and displacement's mean, mm.
 
-    lift_mm: of Table II's trials; repeated_lift_mm: of Figure 11's rice boxes. Intervals over references."""
+    lift_mm: of Table II's trials; repeated_lift_mm: of Figure 11's rice boxes. Intervals over references.
+    """
 
     controller: Controller
     success: Interval | None
@@ -82,9 +83,7 @@ class Evaluation:
         return stratified_mean(groups)
 
     def mean(self, controller: Controller, value: str | Value, *, counted: Counted | None = None) -> Interval | None:
-        """Return the mean over references of a column, or of a function of a row, with its t interval.
-
-        counted: which trials; by default those that `went_on`."""
+        """Return the mean over references of a column or function, with its t interval. counted: default `went_on`."""
         groups: dict[str, list[float]] = defaultdict(list)
         for row in self.rows:
             if row["controller"] == controller and (counted or went_on)(row):
@@ -98,7 +97,8 @@ class Evaluation:
         """Return the mean of `first` less `second`, pair by pair, with its t interval over the references' means.
 
         A pair has the same experiment, reference, place and repetition, and so the same seed. counted: which trials, of
-        both; by default those that `went_on`. wanted: values of columns, such as displacement_mm=30.0."""
+        both; by default those that `went_on`. wanted: values of columns, such as displacement_mm=30.0.
+        """
         pairs: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
         for row in self.rows:
             if (counted or went_on)(row) and all(row[name] == each for name, each in wanted.items()):

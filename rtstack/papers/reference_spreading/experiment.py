@@ -27,8 +27,7 @@ def comparison_plan(
     name: str, title: str, controllers: Sequence[str], objects: Sequence[str], demonstrations: int,
     displacements_mm: Sequence[float], repetitions: int, seed: int,
 ) -> str:  # fmt: skip
-    """Return the file of a plan of the page Campaigns: controllers x demonstrations of objects x displacements x
-    repetitions. Raises OSError."""
+    """Return a plan's file: controllers x demonstrations of objects x displacements x repetitions. Raises OSError."""
     taken = tomllib.loads(plan_file(PATTERN).path.read_text(encoding="utf-8"))
     first = next(iter(taken["conditions"].items()))
     head = {

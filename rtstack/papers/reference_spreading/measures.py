@@ -1,6 +1,7 @@
 """What a report needs beside a trial's result, from the samples of its log: contacts, delay, peaks, steps, swing.
 
-Where the pads touch is geometry: the measured pad (O_T_EE) and the tracked object, not the plant's contacts."""
+Where the pads touch is geometry: the measured pad (O_T_EE) and the tracked object, not the plant's contacts.
+"""
 
 from dataclasses import dataclass
 

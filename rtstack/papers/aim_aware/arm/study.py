@@ -39,7 +39,8 @@ class Setup:
     """The set-up of a hit. robot: which arm is drawn. inclination_deg, height_mm: standard deviations of the
     platform's.
 
-    stiffness N/m, damping Ns/m, friction: of the contact, where it is not the scene's own."""
+    stiffness N/m, damping Ns/m, friction: of the contact, where it is not the scene's own.
+    """
 
     robot: Annotated[int, Field(ge=0)]
     inclination_deg: NotNegative
@@ -61,8 +62,7 @@ class ArmContacts(ContactMap):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmSearch:
-    """noise_factor: candidates for r_b over the residual's largest rate in free motion; learning: nominal hits a
-    velocity."""
+    """noise_factor: r_b over the residual's largest rate in free motion; learning: nominal hits of an approach."""
 
     noise_factor: tuple[Positive, ...]
     learning: Count
@@ -73,7 +73,8 @@ class ArmTuned:
     """Result of the tuning. quiet_nm_s (7,): largest rates of the residual in free motion; r_b is a multiple of them.
 
     learned: approach angle, degrees -> the pad's velocity after a nominal impact, x m/s, z m/s, about y rad/s.
-    mirrored: whether the inclinations have the other sign than the paper's."""
+    mirrored: whether the inclinations have the other sign than the paper's.
+    """
 
     study_digest: str
     noise_factor: Positive

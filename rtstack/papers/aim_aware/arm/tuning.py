@@ -7,7 +7,8 @@ wanted hits that nothing can make expected ((10), (12), a reflex) are left out a
 hits overlap, the bounds are what the wanted ones need.
 
 The paper does not say which sign an inclination has: taken are the candidate and the side of a one-sided band with
-the fewest hits left out, and of these the largest worst separation."""
+the fewest hits left out, and of these the largest worst separation.
+"""
 
 from collections.abc import Iterable
 from pathlib import Path

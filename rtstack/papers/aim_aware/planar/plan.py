@@ -62,7 +62,8 @@ R = TypeVar("R", covariant=True)
 class Meant(Generic[R]):
     """References before and after the impact at t_d_s, each extended beyond it.
 
-    q_start, q_d (n,): joints at the start and at the impact; dq_post (ticks, n): expected velocities (14) after it."""
+    q_start, q_d (n,): joints at the start and at the impact; dq_post (ticks, n): expected velocities (14) after it.
+    """
 
     t_d_s: float
     q_start: Array
@@ -106,7 +107,8 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
 def impact_references(task: Task, t_s: Array, hit: Array, before: Array, after: Array) -> tuple[Reference, Reference]:
     """Return references at t_s (n,) that hit at task.approach_s, and that go to rest from there, extended beyond it.
 
-    hit (3,): x, y, phi; before, after (3,): their rates."""
+    hit (3,): x, y, phi; before, after (3,): their rates.
+    """
     t_d, end, still = task.approach_s, t_s[-1] + t_s[1] - t_s[0], np.zeros(3)
     beyond = (end, hit + before * (end - t_d), before)
     ante = _path(t_s, [(0.0, hit - before * t_d / 2.0, still), (t_d, hit, before), beyond])

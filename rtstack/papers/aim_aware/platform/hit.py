@@ -57,8 +57,7 @@ class HitGains:
 
 @dataclass(frozen=True, slots=True)
 class Hit(Result):
-    """ticks (n,) of TICK; stopped: why it ended before its plan did, "" where it did not; missed_deadlines: late
-    cycles."""
+    """ticks (n,) of TICK; stopped: why it ended before its plan did, ""; missed_deadlines: late cycles."""
 
     ticks: NDArray[np.void]
     stopped: str
@@ -70,7 +69,8 @@ def watch(states, parameters, dq_post, samples, controls, t_ns):
     """Let the monitor see a tick, t_ns after the first one; return whether this tick is one of an impact (9).
 
     states, parameters: see monitor_step; dq_post (n, 7): the joint velocities (14), rad/s. samples, controls (1,): of
-    the arm; controls[0] gets the verdict."""
+    the arm; controls[0] gets the verdict.
+    """
     state, sample, control = states[0], samples[0], controls[0]
     dq_ref = dq_post[min(t_ns // TICK_NS, dq_post.shape[0] - 1)]
     monitor_step(states, parameters, t_ns, control.momentum_residual, sample.q, sample.dq, dq_ref)
@@ -108,7 +108,8 @@ class PreparedHit(PreparedRun[Hit]):
     """A hit along a plan, for `until` ticks at most. From the impact that the monitor sees, (9), on the pad presses
     down.
 
-    The judge has the cell's limits; an impact is meant from UNTIL_BEFORE_S before the planned one on."""
+    The judge has the cell's limits; an impact is meant from UNTIL_BEFORE_S before the planned one on.
+    """
 
     specification: HitSpecification
     gains: HitGains

@@ -30,7 +30,8 @@ def plan_hit(
 ) -> HitPlan:
     """Plan to hit a horizontal platform at x_m (Section III-A). Raises ValueError for a place out of reach.
 
-    twist_post (3,): what it leaves of the motion, x m/s, z m/s, about y rad/s."""
+    twist_post (3,): what it leaves of the motion, x m/s, z m/s, about y rad/s.
+    """
     model = ArmModel(mounting, pad)
     t_s = PERIOD_S * np.arange(round(task.duration_s / PERIOD_S))
     hit = np.array([x_m, task.surface_height_m, 0.0])
