@@ -117,8 +117,9 @@ class Runner:
             self._kept()
 
     def _submit(self, task: Task, function: Callable[..., Any], *arguments: Any, retries: int) -> Future:
-        # a scheduler may remember: no other invocation's result comes under this key
-        key = f"{task.name}-{self._experiment.digest}-{time.time_ns()}"
+        # a scheduler may remember: no other invocation's result comes under this key; it and its workers keep statistics
+        # of each first word for as long as they live
+        key = ("task", f"{task.name}-{self._experiment.digest}-{time.time_ns()}")
         return self._client.submit(function, *arguments, key=key, retries=retries, pure=False)
 
     def _finished(self, tasks: Iterable[Task], submit: Callable[[Task], Future]) -> Iterator[tuple[Task, Future]]:

@@ -75,6 +75,7 @@ def test_the_scheduler_knows_of_a_few_tasks_at_a_time(experiment, client):
             Runner(experiment, store, client, progress, lambda: known.append(len(client.futures))).run()
         assert len(store.rows()) == len(known) == many
     assert max(known) <= AHEAD + 2  # one that has ended, and one of the stage before
+    assert set(client.cluster.scheduler.task_prefixes) == {"task"}  # each has statistics that nothing deletes
 
 
 def test_a_page_learns_of_any_stage_from_the_file(tmp_path):
