@@ -3,7 +3,9 @@
 Ways at the page of `rtstack up` (the operator holds the clutch and leads the left arm): STOP by its button and by the
 space bar; the clutch's key, a phone's button and a gamepad's button let go; the browser frozen, as by a network that is
 cut to the console. Ways at a terminal of `rtstack teach`: the space bar let go (from its last repetition), the terminal
-closed. Ways of the network to the robots: one cable out, both out. Each is measured quietly and beside two busy loops.
+closed. Ways of the network to the robots: one cable out, both out. Each is measured quietly and beside two busy loops,
+those at the page also under attacks: forged states, idle connections, silent peers, bombs among the logs
+(tests/support/console/attacks.py), with the memory of the robot process and of the console.
 
 The end is the host's monotonic time at which the plant has taken the first torque of the stop, of the arm that is the
 last one, at most 1 ms too late; where a robot ends the motion by itself, that. Keeps each stop in results.json: the
@@ -39,16 +41,16 @@ from rtstack.loop.end import End
 from rtstack.samples import Mode
 from tests.programs import choose, program
 from tests.programs.dead_man import ALLOWED_MS, BETWEEN_S, TRIES, click_on
+from tests.support.console.attacks import BESIDE
 from tests.support.console.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
 from tests.support.console.stack import SoakFailed
-from tests.support.log.same_log import busy_loops
 from tests.support.metal.metal import Metal
 from tests.support.metal.watched_robot import KEPT
 from tests.support.terminal import REPEATED_S
 
 ROOT = Path(__file__).resolve().parents[2]
 SIDES = ("left", "right")
-LOADS = {"quiet": 0, "busy": 2}  # how many processes compute beside
+AT_ROBOTS = ("quiet", "busy")  # what can be beside a command, too: attacks are on a stack
 FIRST_MS, SPREAD_MS = 400, 700  # of a demonstration's motion: on the way to the object
 
 
@@ -138,10 +140,11 @@ WAYS: tuple[PageWay | TerminalWay, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """What a cause led to: after how long, ms, and what the loop said."""
+    """What a cause led to: after how long, ms, and what the loop said; memory of robot process and console, MB."""
 
     delay_ms: float
     reason: str
+    memory_mb: tuple[int, ...] = ()
 
 
 def delay_ms(metal: Metal, began_ns: int, first_t_ns: dict[int, int]) -> float:
@@ -167,8 +170,10 @@ def delay_ms(metal: Metal, began_ns: int, first_t_ns: dict[int, int]) -> float:
 class Bench:
     """Stops the arms, in a stack and a browser or at terminals, for as long as they live."""
 
-    def __init__(self, playwright, folder: Path, drawn: bool) -> None:
-        self._playwright, self._folder, self._drawn = playwright, folder, drawn
+    def __init__(self, playwright, folder: Path, drawn: bool, beside: str) -> None:
+        """beside: what goes on meanwhile, a name of BESIDE."""
+        self._playwright, self._folder, self._drawn, self._beside = playwright, folder, drawn, BESIDE[beside]
+        self._attack = contextlib.ExitStack()
         self._moments = random.Random(os.getpid())
         self._metal: Metal | None = None
         self._browser: Chromium | None = None
@@ -181,7 +186,10 @@ class Bench:
         if not pages:
             self.end()  # robots at home: the way to the start is not in the log
         try:
-            return self._at_page(way) if pages else self._at_terminal(way)
+            if pages:
+                return self._at_page(way)
+            with self._beside(None):
+                return self._at_terminal(way)
         except BaseException:
             self.end()
             raise
@@ -202,6 +210,7 @@ class Bench:
             self._browser = Chromium(self._playwright)
             arms = ["--left", metal.left, "--right", metal.right, "--cell-file", str(metal.cell_file)]
             self._scene = OperatorScene(self._browser, metal.folder / "logs", self._drawn, arms)
+            self._attack.enter_context(self._beside(self._scene.stack))
         scene, witness = self._scene, self._scene.witness
         act = way.begin(scene)
         try:
@@ -210,7 +219,9 @@ class Bench:
             act()
             wait(lambda: witness.stopped, "the arms were not stopped")
             wait(lambda: witness.reason is not None, "nobody said why the arms were stopped")
-            stop = Stop(delay_ms(metal, began_ns, witness.first_t_ns()), (witness.reason or (0, ""))[1])
+            members = scene.stack.members
+            memory = tuple(members[name].memory_info().rss >> 20 for name in ("rtstack.live.robot", "console"))
+            stop = Stop(delay_ms(metal, began_ns, witness.first_t_ns()), (witness.reason or (0, ""))[1], memory)
         finally:
             scene.leave()
             if way.device:
@@ -251,7 +262,8 @@ class Bench:
         return Stop(delay_ms(metal, began_ns, first), reason)
 
     def end(self) -> None:
-        """End the stack, the browser and the robots."""
+        """End what goes on beside, the stack, the browser and the robots."""
+        self._attack.close()
         scene, self._scene = self._scene, None
         if scene is not None:
             with contextlib.suppress(BrowserError):
@@ -264,17 +276,48 @@ class Bench:
             metal.end()
 
 
+def measure(
+    bench: Bench, way: PageWay | TerminalWay, load: str, stops: dict[str, list[dict]], times: int, kept: Path
+) -> list[str]:
+    """Stop the arms until there are as many stops as wanted, keep them; return what was wrong."""
+    measured, missed, trouble = stops.setdefault(f"{way.name} | {load}", []), 0, []
+    while len(measured) < times and missed < TRIES:
+        try:
+            stop = bench.stop_by(way)
+        except (SoakFailed, BrowserError, httpx.HTTPError) as failed:
+            missed += 1
+            print(f"{way.name}, {load}: not reached: {str(failed).splitlines()[0]}", flush=True)
+            continue
+        missed = 0
+        measured.append({"delay_ms": round(stop.delay_ms, 2), "reason": stop.reason, "memory_mb": stop.memory_mb})
+        kept.write_text(json.dumps(stops))
+        print(f"{way.name}, {load}: {stop.delay_ms:.1f} ms: {stop.reason}", flush=True)
+        if not re.match(way.says, stop.reason):
+            trouble.append(f"{way.name}: the arms stopped because {stop.reason!r}")
+    if len(measured) < times:
+        trouble.append(f"{way.name}, {load}: only {len(measured)} of {times}")
+    return trouble
+
+
 def show(stops: dict[str, list[dict]]) -> list[dict]:
     """Print the table; return its rows."""
     rows = []
-    table = Table("way", "load", "stops", "p50 ms", "p95 ms", "worst ms")
-    for load in LOADS:
+    table = Table("way", "beside", "stops", "p50 ms", "p95 ms", "worst ms", "MB of robot process, console")
+    for load in BESIDE:
         for way in WAYS:
-            delays = [stop["delay_ms"] for stop in stops.get(f"{way.name} | {load}", [])]
+            found = stops.get(f"{way.name} | {load}", [])
+            delays = [stop["delay_ms"] for stop in found]
+            memory = [stop["memory_mb"] for stop in found if stop.get("memory_mb")]
             if delays:
                 p50, p95 = np.percentile(delays, (50, 95))
-                rows.append({"way": way.name, "load": load, "stops": len(delays), "p50_ms": round(float(p50), 1),
-                             "p95_ms": round(float(p95), 1), "worst_ms": round(max(delays), 1)})  # fmt: skip
+                row = {"way": way.name, "load": load, "stops": len(delays)}
+                row |= {
+                    "p50_ms": round(float(p50), 1),
+                    "p95_ms": round(float(p95), 1),
+                    "worst_ms": round(max(delays), 1),
+                }
+                row |= {"memory_mb": [max(each) for each in zip(*memory, strict=True)]}
+                rows.append(row)
                 table.add_row(*map(str, rows[-1].values()))
     Console(stderr=True, width=120).print(table)
     return rows
@@ -283,44 +326,30 @@ def show(stops: dict[str, list[dict]]) -> list[dict]:
 def main(
     times: Annotated[int, typer.Option(help="of each way and load")] = 50,
     way: Annotated[list[str] | None, typer.Option(help="only this one")] = None,
-    load: Annotated[list[str] | None, typer.Option(help="only this one: quiet, busy")] = None,
+    load: Annotated[list[str] | None, typer.Option(help=f"only this one: {', '.join(BESIDE)}")] = None,
     drawn: Annotated[bool, typer.Option("--drawn", help="with the 3D scene")] = False,
     out: Path = ROOT / "out" / "stop_times",
     fresh: Annotated[bool, typer.Option("--fresh", help="measure again what is kept")] = False,
 ) -> int:
     """Measure, print a table and one JSON object."""
-    names, loads = choose(way, [each.name for each in WAYS]), choose(load, LOADS)
+    names, loads = choose(way, [each.name for each in WAYS]), choose(load, BESIDE)
     out.mkdir(parents=True, exist_ok=True)
     kept = out / "results.json"
     stops: dict[str, list[dict]] = json.loads(kept.read_text()) if kept.exists() and not fresh else {}
     trouble: list[str] = []
     with TemporaryDirectory() as folder, sync_playwright() as playwright:
-        bench = Bench(playwright, Path(folder), drawn)
         try:
             for name in loads:
-                with busy_loops(LOADS[name]):
-                    for each in (each for each in WAYS if each.name in names):
-                        measured = stops.setdefault(f"{each.name} | {name}", [])
-                        missed = 0
-                        while len(measured) < times and missed < TRIES:
-                            try:
-                                stop = bench.stop_by(each)
-                            except (SoakFailed, BrowserError, httpx.HTTPError) as failed:
-                                missed += 1
-                                print(f"{each.name}, {name}: not reached: {str(failed).splitlines()[0]}", flush=True)
-                                continue
-                            missed = 0
-                            measured.append({"delay_ms": round(stop.delay_ms, 2), "reason": stop.reason})
-                            kept.write_text(json.dumps(stops))
-                            print(f"{each.name}, {name}: {stop.delay_ms:.1f} ms: {stop.reason}", flush=True)
-                            if not re.match(each.says, stop.reason):
-                                trouble.append(f"{each.name}: the arms stopped because {stop.reason!r}")
-                        if len(measured) < times:
-                            trouble.append(f"{each.name}, {name}: only {len(measured)} of {times}")
+                (place := Path(folder) / name).mkdir()
+                bench = Bench(playwright, place, drawn, name)
+                try:
+                    for each in WAYS:
+                        if each.name in names and (isinstance(each, PageWay) or name in AT_ROBOTS):
+                            trouble += measure(bench, each, name, stops, times, kept)
+                finally:
+                    bench.end()
         except KeyboardInterrupt:
             trouble.append("ended early: this is what there is so far")
-        finally:
-            bench.end()
     rows = show(stops)
     worst_ms = max((row["worst_ms"] for row in rows), default=0.0)
     if worst_ms > ALLOWED_MS:
