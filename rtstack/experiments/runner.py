@@ -117,8 +117,8 @@ class Runner:
             self._kept()
 
     def _submit(self, task: Task, function: Callable[..., Any], *arguments: Any, retries: int) -> Future:
-        # a scheduler may remember: no other invocation's result comes under this key; it and its workers keep statistics
-        # of each first word for as long as they live
+        # a scheduler may remember: no other invocation's result comes under this key; and it keeps statistics of each
+        # first word, as its workers do, for good
         key = ("task", f"{task.name}-{self._experiment.digest}-{time.time_ns()}")
         return self._client.submit(function, *arguments, key=key, retries=retries, pure=False)
 
