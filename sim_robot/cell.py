@@ -97,10 +97,7 @@ class SimulatedArm:
 
 
 class SimulatedCell:
-    """The scene's arms, a tracker, one plant; `as_cell` gives what hal knows of it.
-
-    arms: in the order of `Scene.sides`, as all arrays of arms here; left, right: the same by name, None for none.
-    """
+    """The scene's arms, a tracker, one plant. arms: in the order of `Scene.sides`; left, right: by name, or None."""
 
     def __init__(
         self, plant: Plant, scene: Scene, parameters: PlantParameters, seed: int, clock: PacedLockstep | None = None,
@@ -206,7 +203,6 @@ class SimulatedCell:
         return SimulatedGripper(self, side)
 
     def close(self) -> None:
-        """Stop all arms. Never raises."""
         for arm in self.arms:
             arm.close()
 

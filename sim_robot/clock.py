@@ -11,10 +11,7 @@ LEAST_REST = 0.1
 
 
 class PacedLockstep:
-    """Paces the cell, one `wait` for each state that is read, and never skips a millisecond.
-
-    A busy machine makes the simulation slow and never wrong: a seed gives the same states as without a clock.
-    """
+    """Paces the cell, a `wait` for each state. It skips no millisecond: a busy machine makes it slow, never wrong."""
 
     def __init__(self) -> None:
         self._deadline_ns = self._rested_ns = time.monotonic_ns()

@@ -68,10 +68,7 @@ class Plant:
         displacement: Displacement | float, seed: int, arms_seed: int | None = None, tilt_deg: float = 0.0,
         profile: Profile | None = None,
     ) -> None:  # fmt: skip
-        """Build the cell at rest, all arms held. arms_seed: whose arms these are, by default the seed's own.
-
-        tilt_deg: see Scene.place. profile: how honest it is, by default ideal. Raises UnknownObject, ObjectOutOfReach.
-        """
+        """Build the cell at rest, all arms held. arms_seed: of the arms. Raises UnknownObject, ObjectOutOfReach."""
         arms_seed = seed if arms_seed is None else arms_seed
         _, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
         arms_draw, _ = np.random.SeedSequence([arms_seed, 0]).spawn(2)
@@ -182,7 +179,6 @@ class Plant:
         self._holding[side] = 0
 
     def hold(self, side: int) -> None:
-        """Let the arm brake and hold where it is now."""
         motor = self.motors[side]
         motor["tau_command"], motor["theta_hold"], motor["holding"] = 0.0, motor["theta"], 1
         motor["dtheta_hold"] = 0.0

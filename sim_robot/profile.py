@@ -1,7 +1,4 @@
-"""How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it.
-
-The profile `ideal` has zeros only, and changes no bit. docs/reference/simulated_robot.md has the tables.
-"""
+"""How far the simulated robot differs from an ideal one (docs/reference/simulated_robot.md); `ideal` changes no bit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -100,10 +100,7 @@ def _judge(states, kinematics, judged, limits_of, tolerances, masks):
 
 
 def judge_of_commands(tau_last: Array, limits: ArmLimits) -> Callable[[Array], int]:
-    """Return who judges the commands after the last one taken, (7,), Nm: 0, and it is the last one now, or the errors.
-
-    A command that is not finite, or changes faster than the arm allows, is not taken.
-    """
+    """Return who judges a command, (7,) Nm, by the last one taken: 0, and it is taken, or errors (jump, not finite)."""
     # the limit is met exactly by who limits the rate to it: rounding must not trip it
     largest_step = limits.tau_rate_max * CONTROL_PERIOD_S + 1e-6
     return bound(_take, tau_last, largest_step, TORQUE_DISCONTINUITY, later=(np.zeros(JOINTS),))

@@ -110,9 +110,8 @@ class PlacementScatter:
 
 @dataclass(frozen=True, slots=True)
 class GraspObject:
-    """A box: mass kg, size m along world x, y, z; the stiffness N/m of its wall and a damping ratio.
-
-    pad_friction, table_friction: of a pad and of the table on it, where they are not the scene's.
+    """A box: mass kg, size m, its wall's stiffness N/m and damping ratio; frictions of pad and table, if not the
+    scene's.
     """
 
     mass: Positive
@@ -212,9 +211,8 @@ class Scene:
         return max(middle - table_half + half, -face), min(middle + table_half - half, face)
 
     def displacement_range(self, object_name: str, pad_faces_y: Vector2, yaw_rad: float = 0.0) -> Vector2:
-        """Return the smallest and largest displacement along y, m, for pads that start at y (left, right).
-
-        A pad that is not there is at infinity: on its side the table's edge is the limit.
+        """Return the smallest and largest displacement along y, m, for pads at y (left, right); infinity: the table's
+        edge.
         """
         half = self.find(object_name).footprint(yaw_rad)[1]
         y0, table_half = self.object_position_xy[1], self.table.size_xy[1] / 2.0
@@ -227,9 +225,10 @@ class Scene:
         self, object_name: str, displacement: Displacement | float, pad_faces_y: Vector2,
         generator: np.random.Generator | None, tilt_deg: float = 0.0,
     ) -> ObjectPlacement:  # fmt: skip
-        """Put the object on the table, displaced from its place (a number: along y, m); scattered with a generator.
+        """Put the object on the table (a number: along y, m), scattered by the generator, tilted about the world's x on
+        a wedge.
 
-        tilt_deg: about the world's x, on a wedge. Raises UnknownObject, and ObjectOutOfReach with the allowed range.
+        Raises UnknownObject, and ObjectOutOfReach with the allowed range.
         """
         thing = self.find(object_name)
         displacement = Displacement.of(displacement)

@@ -99,10 +99,7 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k
 
 
 class Sensors:
-    """The measured part of the arms' states: `states`, dtype ARM_STATE, shape (n,), one an arm.
-
-    Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
-    """
+    """The measured part of the arms' states (n,) of ARM_STATE; noise by the seed and the number of milliseconds."""
 
     def __init__(self, plant: Plant, parameters: SensorParameters, faces: Array, seed: int) -> None:
         """faces: (n, 4, 4), the end effectors in the frames of joint 7."""

@@ -1,7 +1,4 @@
-"""Which workers of a scheduler get trials: those that have our version. The others are refused, with the reason.
-
-A trial asks for a resource that is named after the version, which a worker has once it has shown its own.
-"""
+"""Which workers get trials: a trial asks for a resource that a worker has once it has shown that it is our version."""
 
 import sys
 import threading
@@ -38,7 +35,6 @@ class Admission:
 
     @property
     def ticket(self) -> dict[str, float]:
-        """What a trial asks for."""
         return {self._ticket: 1.0}
 
     def close(self) -> None:

@@ -24,8 +24,6 @@ LINK_ERROR = "communication_constraints_violation"  # the robot's, where answers
 
 
 class Kind(StrEnum):
-    """What an attempt was."""
-
     START = "to the start"
     PREPARATION = "preparation"
     CASE = "case"
@@ -86,7 +84,6 @@ def tables(attempts: Sequence[Attempt], drift: Sequence[str]) -> list[Table]:
 
 
 def figures(attempts: Sequence[Attempt], drift: Sequence[str]) -> list[Figure]:
-    """Return the figure of the control cases, where there are some."""
     controls = _controls(attempts)
     if not controls or not drift:
         return []
@@ -116,8 +113,7 @@ def _times(attempts: Sequence[Attempt]) -> Table:
     total_s = sum(each.duration_s for each in attempts) or 1.0
     lines = []
     for kind in Kind:
-        taken_s = [each.duration_s for each in attempts if each.kind == kind]
-        if taken_s:
+        if taken_s := [each.duration_s for each in attempts if each.kind == kind]:
             p50, p95 = np.percentile(taken_s, (50, 95))
             share = 100.0 * sum(taken_s) / total_s
             lines.append((str(kind), str(len(taken_s)), f"{p50:.1f}", f"{p95:.1f}", f"{share:.0f}"))

@@ -22,10 +22,7 @@ def case_log(path: Path, case: Case, digest: str) -> Log | None:
 
 
 def row_of(experiment: Experiment[Any, Any], case: Case, path: Path) -> Row | None:
-    """Return the row of a case from its log, with what the engine adds; None where that is not a complete one.
-
-    Raises TrialError with one line where the kind of experiment raises.
-    """
+    """Return a case's row from its log, with what the engine adds; None for an incomplete one. Raises TrialError."""
     log = case_log(path, case, experiment.digest)
     if log is None:
         return None

@@ -8,8 +8,6 @@ from rtstack.experiments.statistics import Interval
 
 
 class ClaimStatus(StrEnum):
-    """What became of a claim."""
-
     HOLDS = "holds"
     WITHIN = "holds, within the intervals"  # the means are as claimed, the 95 % intervals do not exclude the opposite
     DIFFERS = "differs"  # the 95 % intervals exclude the claim

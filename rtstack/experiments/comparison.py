@@ -77,9 +77,8 @@ class Comparison:
 
 
 def compare(first: Path, second: Path) -> Comparison:
-    """Compare two campaigns' folders. What depends on the host alone is left out, and where a row comes from.
-
-    Raises TrialError with one line where a folder is no campaign's, or where they have no row in common.
+    """Compare two campaigns' folders, without what depends on host and origin. Raises TrialError: no campaign or common
+    row.
     """
     ours, theirs = _rows(first), _rows(second)
     common = sorted(ours.keys() & theirs.keys())
@@ -123,7 +122,7 @@ def _claims(first: Path, second: Path) -> list[ClaimPair]:
     if not all((folder / NUMBERS).exists() for folder in (first, second)):
         return []
     ours, theirs = (dict(_outcomes(folder / NUMBERS)) for folder in (first, second))
-    return [ClaimPair(*key, ours.get(key, ""), theirs.get(key, "")) for key in dict.fromkeys([*ours, *theirs])]
+    return [ClaimPair(*key, ours.get(key, ""), theirs.get(key, "")) for key in ours | theirs]
 
 
 def _outcomes(path: Path) -> Iterator[tuple[tuple[str, str, str], str]]:

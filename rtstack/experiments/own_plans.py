@@ -23,9 +23,8 @@ def own_plans() -> dict[str, Path]:
 
 
 def keep_plan(name: str, text: str, read: Callable[[Path], Any]) -> Path:
-    """Write a plan into the user's folder, never over another one. read: reads and checks a plan's file.
-
-    Raises ConfigurationError with one line; then nothing is written.
+    """Write a plan into the user's folder, as a new file that `read` accepts. Raises ConfigurationError, nothing
+    written.
     """
     path = plan_folder() / f"{name}.toml"
     try:

@@ -78,5 +78,4 @@ def judged(claims: Iterable[PlannedClaim], judges: Mapping[str, Judge], evaluati
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a plan's file, claims and comments included."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

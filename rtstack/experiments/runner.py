@@ -33,7 +33,6 @@ class Tally:
 
     @property
     def real_time_factor(self) -> float:
-        """Robot's seconds over seconds, logs included."""
         return self.robot_s / self.wall_s if self.wall_s > 0.0 else 0.0
 
 

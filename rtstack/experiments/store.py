@@ -7,7 +7,7 @@ import sqlite3
 import sys
 import typing
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ def _sql_type(kind: Any) -> str:
     return "INTEGER" if kinds & {int, bool} else "TEXT"
 
 
-class Store:
+class Store(AbstractContextManager["Store"]):
     """The results in a campaign's folder. A context manager: one program at a time works on a folder."""
 
     def __init__(self, out: Path, columns: Mapping[str, Any]) -> None:
@@ -75,20 +75,13 @@ class Store:
             declared = ", ".join(f"{name} {_sql_type(kind)}" for name, kind in columns_of(Attempt).items())
             database.execute(f"CREATE TABLE IF NOT EXISTS attempts ({declared})")
 
-    def __enter__(self) -> "Store":
-        return self
-
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
         self._database.close()
         self._lock.close()
 
     def claim(self, experiment: Experiment[Any, Any]) -> None:
-        """Note whose results these are, by which version, and keep a copy of the files that they depend on.
-
-        The plan's file counts as it is when the first result is about to be made.
+        """Note whose results these are and by which version; copy their sources. The plan counts as before the first
+        result.
         """
         values = _identity(experiment) | {"plan_commit": experiment.request.file.commit}
         values |= {"title": experiment.specification.title}

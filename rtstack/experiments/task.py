@@ -37,7 +37,6 @@ def run_cases(
 
 
 def run_stage(function: Callable[..., str | None], arguments: tuple[Any, ...], sources: Sources) -> str | None:
-    """Run a task of a stage. Returns None, or in one line why it failed."""
     _check(sources)
     return function(*arguments)
 

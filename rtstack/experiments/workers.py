@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -84,36 +84,29 @@ class DistantClient(Client):
 @contextmanager
 def distant_workers(address: str) -> Iterator[Client]:
     """Give the workers of the scheduler at tcp://HOST:PORT with our version. Raises TrialError without any."""
-    with dask.config.set(_SETTINGS), _quiet():
+    start = f"`dask worker {address} --nthreads 1`"
+    with dask.config.set(_SETTINGS), _quiet(), ExitStack() as ending:
         try:
             client = DistantClient(address, timeout=CONNECT_S)
         except (OSError, ValueError, TimeoutError) as error:
             reason = str(error).splitlines()[0] if str(error) else "no answer"
             raise TrialError(
-                f"no scheduler at {address}: {reason}; start one with `dask scheduler`, and workers with `dask worker "
-                f"{address} --nthreads 1`"
+                f"no scheduler at {address}: {reason}; start one with `dask scheduler`, and workers with {start}"
             ) from None
+        ending.callback(client.close, timeout=END_S)
         try:
-            try:
-                client.wait_for_workers(1, timeout=FIRST_WORKER_S)
-            except TimeoutError:
-                raise TrialError(
-                    f"the scheduler at {address} has no workers: start some with `dask worker {address} --nthreads 1`"
-                ) from None
-            with closing(Admission(client)) as client.admission:
-                if not client.admission.slots:
-                    raise TrialError(
-                        f"no worker of the scheduler at {address} has our version: "
-                        f"{'; '.join(client.admission.refused.values())}"
-                    )
-                client.admission.begin()
-                yield client
-        finally:
-            client.close(timeout=END_S)
+            client.wait_for_workers(1, timeout=FIRST_WORKER_S)
+        except TimeoutError:
+            raise TrialError(f"the scheduler at {address} has no workers: start some with {start}") from None
+        admission = client.admission = ending.enter_context(closing(Admission(client)))
+        if not admission.slots:
+            others = "; ".join(admission.refused.values())
+            raise TrialError(f"no worker of the scheduler at {address} has our version: {others}")
+        admission.begin()
+        yield client
 
 
 def slots(client: Client) -> int:
-    """Return how many trials run at once."""
     if isinstance(client, DistantClient):
         return client.admission.slots
     return sum(client.nthreads().values())  # pyright: ignore[reportAttributeAccessIssue] (not a coroutine here)

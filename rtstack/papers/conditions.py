@@ -1,7 +1,7 @@
 """Under what a simulated grab is run: contact, scatter, the demonstrating hand, the law's inertia, the robot."""
 
 from dataclasses import dataclass, replace
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
@@ -105,8 +105,4 @@ class Reference:
 
 def files_of_plant(*names: str) -> list[Path]:
     """Return the paths of files of sim_robot."""
-    paths = []
-    for name in names:
-        with as_file(files("sim_robot") / name) as path:
-            paths.append(path)
-    return paths
+    return [Path(str(files("sim_robot") / name)) for name in names]

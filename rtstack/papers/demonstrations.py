@@ -41,9 +41,8 @@ def _described(cell_file: Path) -> tuple[CellDescription, list[Attachment]]:
 
 @dataclass(frozen=True, slots=True)
 class CampaignBench:
-    """What all runs of a campaign have in common, as it is sent to the workers. cell: its kind; digest: the campaign's.
-
-    Paths are absolute: workers on other machines need the same folders.
+    """What all runs of a campaign have in common, for the workers: absolute paths. cell: its kind; digest: the
+    campaign's.
     """
 
     out: Path
@@ -53,7 +52,6 @@ class CampaignBench:
 
     @property
     def description(self) -> CellDescription:
-        """The cell, read once in a process."""
         return _described(self.cell_file)[0]
 
     def log(
@@ -94,7 +92,6 @@ def campaign_record(case: Any, digest: str) -> dict[str, str]:
 
 
 def record_of(case: Any) -> dict[str, str]:
-    """Return the fields of a case, a dataclass, for that record."""
     return {key: str(value) for key, value in asdict(case).items()}
 
 

@@ -58,7 +58,6 @@ class BuiltCell:
         return self._direct(name) if kind == DIRECT else self._served(name, description)
 
     def host(self, kind: str, kept: RunLog | None = None) -> WorkerHost:
-        """Return the host of a run on it. kind: see open; kept: the log."""
         return WorkerHost(lambda run: self.open(kind, run.description), lambda run, cell: kept)
 
     def _direct(self, name: str) -> Cell:
@@ -89,10 +88,7 @@ def conditioned_cell(
     object_name: str, displacement: Displacement | float, seed: int, conditions: Conditions,
     script: Sequence[dict[str, Any]] = (), wider_mm: float = 0.0, *, cell_file: Path | None = None,
 ) -> BuiltCell:  # fmt: skip
-    """Return the cell of a trial under these conditions, with the object in its place.
-
-    script: see BuiltCell. wider_mm: the object along y. cell_file: a lab's own, for the objects that it adds.
-    """
+    """Return the cell of a trial, its object in place. wider_mm: the object along y. cell_file: a lab's own objects."""
     nominal, parameters = simulated_files(cell_file)
     scene = conditioned(nominal, conditions, seed)
     if wider_mm:
@@ -107,10 +103,8 @@ def conditioned_cell(
 
 
 def plant_files(conditions: Iterable[Conditions] = ()) -> list[Path]:
-    """Return the files of the simulated cell: contact and scatter of a result come from them too.
-
-    conditions: those of the plan, for the files of their profiles; that of the ideal one says nothing. Raises
-    ConfigurationError for an unknown profile.
+    """Return the files of the simulated cell and of the conditions' profiles. Raises ConfigurationError: no such
+    profile.
     """
     profiles = sorted({each.profile for each in conditions} - {IDEAL})
     for profile in profiles:

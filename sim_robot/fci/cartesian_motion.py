@@ -94,10 +94,7 @@ def _judge_elbow(motion, command, setting, start, delbow, ddelbow):
 
 @compiled
 def follow_cartesian(motion, command, kind, body, setting, q_measured):
-    """Take a pose or a twist; return the errors, and change nothing when there are any.
-
-    q_measured (7,): where the first pose of a motion may start, besides where the arm is desired to be.
-    """
+    """Take a pose or a twist; return errors, and change nothing then. q_measured (7,): may be the start, too."""
     T, twist = np.empty((4, 4)), np.empty(6)
     q_start, elbow_start = motion.q_d.copy(), motion.elbow_c[0]
     mask = 0

@@ -52,7 +52,6 @@ class GripperPort(Port):
 
     @property
     def in_use(self) -> bool:
-        """True while a client is connected to a hand."""
         return bool(self._targets)
 
     def _set_up(self, tcp: socket.socket) -> None:

@@ -41,10 +41,7 @@ JOINT_ERRORS = (JMG_POSITION, JMG_VELOCITY, JMG_VELOCITY_JUMP, JMG_ACCELERATION_
 
 @compiled
 def judge_joints(q, dq, ddq, dddq, L, errors):
-    """Return the errors of one joint step, (7,) each, as a mask. Written so that NaN is an error.
-
-    L: the setting's joint_limits; errors: the bits of a step beyond position, velocity, acceleration and jerk.
-    """
+    """Return a joint step's errors, (7,) each, NaN one of them. L: joint_limits; errors: bits by position ... jerk."""
     mask = 0
     for j in range(JOINTS):
         if not L[0, j] <= q[j] <= L[1, j]:
@@ -77,9 +74,8 @@ def start_of(commanded, measured, desired):
 
 @compiled
 def follow_joints(motion, command, kind, setting, q_measured):
-    """Take a joint position or velocity; return the errors, and change nothing when there are any.
-
-    q_measured (7,): where the first position of a motion may start, besides where the arm is desired to be.
+    """Take a position or velocity; return errors, and change nothing then. q_measured (7,): where a motion may start,
+    too.
     """
     q, dq, ddq, dddq = np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
     mask = 0

@@ -105,7 +105,6 @@ class Link(Port):
         self._answer(session, Command.CONNECT, command_id, body)
 
     def reply(self, command: Command, command_id: int, body: bytes) -> None:
-        """Answer the client, if it is still there."""
         if self.client is not None:
             self._answer(self.client, command, command_id, body)
 

@@ -21,10 +21,7 @@ class Session:
 
 
 class Port:
-    """A listener and its sessions. A subclass says who is a client, and answers requests.
-
-    header: command, its id, size with the header; payloads: of each command; most: sessions at once.
-    """
+    """A listener and its sessions. header: command, id, size with it; payloads: by command; most: sessions at once."""
 
     header: ClassVar[struct.Struct]
     payloads: ClassVar[Mapping[Any, struct.Struct]]

@@ -151,10 +151,7 @@ def end_at_signals() -> None:
 
 
 def serve(options: Options, next_step: Callable[[dict[str, str]], str] = lambda addresses: "") -> int:
-    """Serve until SIGINT or SIGTERM. Returns 0; 2 for bad input; 1 when the simulation cannot go on.
-
-    next_step: a line to print once it serves, for the arms' addresses by name.
-    """
+    """Serve until SIGINT or SIGTERM; return 0, 2 for bad input, 1 when it cannot go on. next_step: a line to print."""
     end_at_signals()
     addresses: dict[str, str] = {}
     try:

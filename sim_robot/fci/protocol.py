@@ -1,7 +1,4 @@
-"""The requests of the Franka Control Interface and their answers: version 10, little-endian, packed (hal.wire).
-
-Source: libfranka's public headers, research_interface/robot. Fields, errors, replies: docs/generate/fidelity.toml.
-"""
+"""The requests of the Franka Control Interface, version 10, and their answers, by libfranka's public headers."""
 
 import struct
 from enum import IntEnum

@@ -62,10 +62,7 @@ class TrackerFeed:
         self._datagram = np.zeros(1, DATAGRAM)
 
     def publish(self, robot_t_ns: int, plant_t_ns: int) -> None:
-        """Send the newest pose, if it is new, stamped with the robot's time. plant_t_ns: the poses' own time now.
-
-        Call it before the state of that time goes out: a client that has the state has the pose too.
-        """
+        """Send a new pose with the robot's time, before the state of that time. plant_t_ns: the poses' own time now."""
         pose = self._tracker.latest().record
         t_ns = int(pose["t_ns"][0])
         if t_ns == self._sent_t_ns:
@@ -159,12 +156,10 @@ class Server:
         )  # fmt: skip
 
     def settle_grippers(self) -> None:
-        """Answer the commands to hands that have ended."""
         for gripper in self.grippers:
             gripper.settle()
 
     def show_grippers(self) -> None:
-        """Send the grippers' states where they are due."""
         for gripper in self.grippers:
             gripper.show()
 
@@ -200,7 +195,6 @@ class Server:
         return False
 
     def feed_tracker(self, feed: TrackerFeed) -> None:
-        """Publish what the motion capture sees, from now on."""
         self._feed = feed
         self._publish_pose()
 

@@ -50,7 +50,8 @@ def test_a_result_comes_back_to_the_bit(tmp_path):
 def test_one_program_at_a_time(tmp_path):
     with Store(tmp_path, COLUMNS), pytest.raises(TrialError, match="another campaign is running"):
         Store(tmp_path, COLUMNS)
-    Store(tmp_path, COLUMNS).close()
+    with Store(tmp_path, COLUMNS):
+        pass
 
 
 def test_what_a_folder_may_be(tmp_path, counting):

@@ -1,7 +1,4 @@
-"""Runs a campaign on a cell's arms: one case after the other, the object set in its place by the arms before each.
-
-A case's log is the truth: its row is read back from it, as after a program that was killed.
-"""
+"""Runs a campaign on a cell's arms, one case after the other. A case's log is the truth: its row is read from it."""
 
 import json
 import time

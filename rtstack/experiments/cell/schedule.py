@@ -55,8 +55,7 @@ def ordered(
     draw = random.Random(f"{digest}.{schedule.seed}")
     found: list[C] = []
     for _, block in groupby(sorted(cases, key=_block), key=_block):
-        drawn = list(block)
-        drawn = draw.sample(drawn, len(drawn))
+        drawn = draw.sample(members := list(block), len(members))
         setups = list(dict.fromkeys([begin, *map(setup, drawn)]))
         found += sorted(drawn, key=lambda case: setups.index(setup(case)))
         begin = setup(found[-1])

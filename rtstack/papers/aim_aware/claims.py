@@ -78,7 +78,6 @@ class Bands:
 
 
 def bands(rows: Sequence[Row], monitor: str) -> Bands:
-    """Return the bands of a tuning over these rows."""
     counts: dict[float, list[int]] = {}
     for row in rows:
         expected = row[f"verdict_{monitor}"] == "expected"

@@ -26,7 +26,6 @@ class Impact(Generic[P]):
 
     @property
     def t_d_ns(self) -> int:
-        """When it is meant to be."""
         return round(self.plan.t_d_s * 1e9)
 
     def trace(self, parameters: MonitorParameters) -> NDArray[np.void]:
@@ -34,7 +33,6 @@ class Impact(Generic[P]):
         return self._monitor(parameters).follow(*self._signals())
 
     def assess(self, parameters: MonitorParameters) -> Assessment:
-        """Return what the monitor makes of it."""
         return self._monitor(parameters).assess(*self._signals())
 
     def _monitor(self, parameters: MonitorParameters) -> Monitor:

@@ -126,7 +126,6 @@ class Portion(Generic[S, T]):
 
     @property
     def contacts(self) -> list[dict[str, float]]:
-        """The contacts of the map; none in a sample."""
         return [] if self.quick else self.study.contacts.each()
 
     def cases(self) -> Iterator[Case]:
@@ -158,17 +157,12 @@ def digest_of(*paths: Path) -> str:
 
 
 def tuning_file(name: str) -> Path:
-    """Return the path of a study's tuning, which need not exist."""
     with as_file(files("deploy.tunings") / f"{name}.toml") as path:
         return path
 
 
 def tuned_for(path: Path, name: str, kind: type[T], command: str, further: Sequence[Path] = ()) -> T:
-    """Return the tuning of the study `name` at `path`. further: other files on which it depends.
-
-    kind: has the `study_digest` for which it was found. Raises ConfigurationError with the command that finds it
-    again.
-    """
+    """Return a study's tuning, if its `study_digest` is of these files. Raises ConfigurationError with the remedy."""
     tuning = tuning_file(name)
     if not tuning.exists():
         raise ConfigurationError(f"{path}: no tuning for {name} exists: find it with `{command}`")

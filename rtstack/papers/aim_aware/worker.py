@@ -17,7 +17,6 @@ from rtstack.papers.aim_aware.study import StudyRun
 
 
 def columns(run: StudyRun) -> dict[str, Any]:
-    """Return the columns of the results: name -> type."""
     known: dict[str, Any] = {
         "approach_deg": float, "location_m": float, "inclination_deg": float, "tuned_on": bool,
         "contact": int, "impulse_ns": float, "second_ms": float, "impacts": int, "first_ms": float, "last_ms": float,

@@ -154,7 +154,6 @@ class FreeRuns:
 
     @property
     def file(self) -> str:
-        """Name of the average, an array as numpy writes it."""
         return f"{self.name}.npy"
 
     @property
@@ -182,7 +181,6 @@ class ValidationTrial:
 
     @property
     def id(self) -> str:
-        """A name that is a file's name too."""
         return f"{self.conditions}.{self.motion}.{self.object}.{self.case_name}.{self.scale:g}.{self.repetition}"
 
 
@@ -232,11 +230,9 @@ class ValidationPlan:
         return Setting(self.reference(trial), self.scenario(trial.motion).gains, self.conditions[trial.conditions])
 
     def references(self) -> tuple[PlannedReference, ...]:
-        """Return every reference that has to be planned."""
         return tuple(dict.fromkeys(self.reference(trial) for trial in self.trials()))
 
     def free_runs(self) -> tuple[FreeRuns, ...]:
-        """Return all runs along parts of references."""
         return tuple(dict.fromkeys(runs for reference in self.references() for runs in reference.free_runs))
 
     def scenario(self, motion: Motion) -> Scenario:

@@ -112,10 +112,7 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
 
 
 def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario: Scenario) -> str | None:
-    """Plan a reference, and write it beside its predictions. Returns None, or in one line why it is refused.
-
-    What was identified along it has to be there.
-    """
+    """Plan a reference whose free runs are there; write it and its predictions. Returns None, or why it is refused."""
     try:
         request = scenario.request(reference.case_name, reference.scale, reference.compensate, reference.map)
         planned = _planned(bench, reference.object, request)

@@ -142,7 +142,6 @@ def _models(bench: ValidationBench) -> tuple[ArmController, ...]:
 
 
 def run(bench: ValidationBench, trial: ValidationTrial, setting: Setting) -> list[Row]:
-    """Run a trial and write its log. Returns the row of the results' table."""
     prepared, prediction = _prepared(bench, setting)
     specification = TrialSpecification(f"{RECORDINGS}/{setting.reference.file}", object=trial.object, seed=trial.seed)
     prepared = replace(prepared, specification=specification)

@@ -15,9 +15,8 @@ RICE_BOX = "rice_box"
 
 @dataclass(frozen=True, slots=True)
 class Table2Line:
-    """One controller: share of successful grabs, and lift against its reference's and displacement's mean, mm.
-
-    lift_mm: of Table II's trials; repeated_lift_mm: of Figure 11's rice boxes. Intervals over references.
+    """One controller: share of successful grabs; lift over its reference's and displacement's mean, mm, in Table II's
+    trials and (repeated) of Figure 11's rice boxes.
     """
 
     controller: Controller
@@ -58,7 +57,6 @@ class Evaluation:
         ]
 
     def displacements(self) -> list[float]:
-        """Return Figure 11's displacements, mm."""
         return sorted({row["displacement_mm"] for row in self.of(FIGURE11)})
 
     def table2(self) -> list[Table2Line]:
@@ -144,8 +142,7 @@ def place_of(row: Row) -> tuple[float, ...]:
 
 def kind_of(reason: str) -> str:
     """Return a failure without its numbers, so that equal ones count together."""
-    words = reason.split(" (")[0].split(": ")
-    return ": ".join(words[:3])
+    return ": ".join(reason.split(" (")[0].split(": ")[:3])
 
 
 def _lift(rows: list[Row], controller: Controller) -> Interval | None:

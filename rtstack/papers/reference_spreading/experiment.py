@@ -96,10 +96,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
         return load_plan(path, quick)
 
     def stages(self) -> Stages:
-        """Record the references that are missing. Trials of one that cannot be recorded are left out.
-
-        Raises TrialError where none can be recorded.
-        """
+        """Record the references that are missing, without which trials are left out. Raises TrialError without any."""
         from rtstack.papers.demonstrations import recording_stages
 
         plan = self.specification

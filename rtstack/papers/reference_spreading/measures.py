@@ -90,7 +90,6 @@ class Passage:
     force_norm: Array
 
     def contact(self, arm: int) -> int | None:
-        """Return the first tick at which a pad touches the object."""
         return _first(self.gap[arm] <= 0.0)
 
 

@@ -44,7 +44,6 @@ def on_arms(bench: Bench, trial: Trial, conditions: Conditions) -> CellRun:
 
 
 def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
-    """Run a trial and write its log. Returns the row of the results' table."""
     prepared, specification = _of_trial(bench, trial, conditions)
     prepared = replace(prepared, specification=specification, criterion=bench.criterion)
     with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:

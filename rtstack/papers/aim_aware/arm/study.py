@@ -105,7 +105,6 @@ class ArmStudy(Outline):
 
     @property
     def description(self) -> CellDescription:
-        """The cell, with the study's own arm and pad."""
         return replace(_platform_cell(), left=self.mounting, pad=self.pad)
 
     def check(self, path: Path) -> None:

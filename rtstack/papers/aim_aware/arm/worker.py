@@ -24,7 +24,6 @@ from rtstack.trials.review import log_columns
 
 
 def columns(run: ArmRun) -> dict[str, Any]:
-    """Return the columns of the results: name -> type."""
     known: dict[str, Any] = {
         "approach_deg": float, "location_m": float, "inclination_deg": float, "repetition": int, "seed": int,
         "contact": int, "stopped": str, "impacts": int, "first_ms": float, "last_ms": float,

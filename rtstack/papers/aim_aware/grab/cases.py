@@ -79,11 +79,9 @@ class JudgedSet:
 
     @property
     def object(self) -> str:
-        """The object of its first demonstration, which is that of all."""
         return Reference.named(self.references[0]).object
 
     def recorded(self, quick: bool) -> tuple[Reference, ...]:
-        """Return the demonstrations that the cases follow."""
         names = self.references[: self.quick_references] if quick else self.references
         return tuple(map(Reference.named, names))
 

@@ -99,9 +99,9 @@ def _values(interval: Interval | None) -> dict[str, float | None] | None:
 def _share(interval: Interval | None) -> str:
     if interval is None:
         return "nothing was run"
-    if interval.low is None or interval.high is None:
-        return f"{100.0 * interval.mean:.1f} %"
-    return f"{100.0 * interval.mean:.1f} %, 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %"
+    known = interval.low is not None and interval.high is not None
+    between = f", 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %" if known else ""
+    return f"{100.0 * interval.mean:.1f} %{between}"
 
 
 def report(tunings: Mapping[str, Mapping[str, Any]], results: Results, claims: Sequence[PlannedClaim] = ()) -> Report:
@@ -125,22 +125,17 @@ def report(tunings: Mapping[str, Mapping[str, Any]], results: Results, claims: S
     )  # fmt: skip
 
 
-def _found(summary: Summary, at: Any) -> Finding:
-    found = summary.found
-    return Finding(_share(found), _told(found, at_least(found, WANTED_FOUND)), _missed(summary))
+def _finding(share: Interval | None, verdict: ClaimStatus, why: str = "") -> Finding:
+    """Return the finding of a share; UNDECIDED for fewer than two trials."""
+    return Finding(_share(share), verdict if share is not None and share.n > 1 else ClaimStatus.UNDECIDED, why)
 
 
-def _alarms(summary: Summary, at: Any) -> Finding:
-    alarms = summary.false_alarms
-    return Finding(_share(alarms), _told(alarms, at_most(alarms, WANTED_FALSE)))
-
-
-def _told(share: Interval | None, verdict: ClaimStatus) -> ClaimStatus:
-    """Return the verdict; UNDECIDED for fewer than two trials."""
-    return verdict if share is not None and share.n > 1 else ClaimStatus.UNDECIDED
-
-
-JUDGES: dict[str, Judge] = {"faults found": _found, "false alarms": _alarms}
+JUDGES: dict[str, Judge] = {
+    "faults found": lambda summary, at: _finding(
+        summary.found, at_least(summary.found, WANTED_FOUND), _missed(summary)
+    ),
+    "false alarms": lambda summary, at: _finding(summary.false_alarms, at_most(summary.false_alarms, WANTED_FALSE)),
+}
 
 
 def _missed(summary: Summary) -> str:

@@ -81,7 +81,7 @@ class Plan(Meant[Reference]):
 
 
 def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float, x_m: float) -> Plan:
-    """Plan to hit the horizontal surface at x_m, coming down a line of this angle to it (90 degrees: from above).
+    """Plan to hit the horizontal surface at x_m down a line of this angle, 90 degrees from above.
 
     Raises InfeasibleImpact, and ValueError for a place out of reach.
     """

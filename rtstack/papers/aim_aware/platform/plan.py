@@ -44,10 +44,7 @@ def plan_hit(
 
 
 def joints_at(model: ArmModel, q: Array, x: Array) -> Array:
-    """Return the joints (7,) near q (7,) that put the pad's face at x (3,): x m, z m, pitch rad from facing down.
-
-    Raises ValueError where they cannot be found.
-    """
+    """Return the joints (7,) near q that put the pad's face at x m, z m, pitch rad (3,). Raises ValueError."""
     q = q.copy()
     for _ in range(ITERATIONS):
         J = face_jacobian(model, q)[np.ix_(AXES, IN_PLANE)]  # x, z m/s and pitch rad/s by joints 2, 4 and 6
