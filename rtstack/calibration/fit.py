@@ -65,10 +65,8 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """bases (arms, 4, 4): T_world_base; tracker (4, 4): T_world_tracker; faces, markers (arms, 3): in the flange, m.
-
-    sides: of the arms that are there, left before right.
-    """
+    """bases (arms, 4, 4): T_world_base; tracker (4, 4): T_world_tracker; faces, markers (arms, 3): in the flange, m;
+    sides: of the arms that are there, left before right."""
 
     bases: Array
     tracker: Array
@@ -83,9 +81,8 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What the points give. groups: what they determine, of GROUPS.
-
-    residuals m, by the points' names; wrong: those that were left out, with theirs.
+    """What the points give. groups: what they determine, of GROUPS. residuals m, by the points' names; wrong: those
+    that were left out, with theirs.
 
     rms_m: of the distances that are left; rms_interval_m: 95 % of the spread that the points really have. place_m: in
     95 % of such calibrations no pad, and nothing that the tracker sees, is further off at any of the points than this,
@@ -103,10 +100,8 @@ class Fit:
 
 
 def calibrate(points: Sequence[Observation], nominal: Geometry) -> Fit:
-    """Fit the geometry that the points determine; what they say nothing of stays as it was.
-
-    nominal: where everything should be. Raises CalibrationError.
-    """
+    """Fit the geometry that the points determine; the rest stays as in `nominal`, where everything should be. Raises
+    CalibrationError."""
     if why := _other_arm_was_led(points, nominal.sides):
         raise SidesSwapped(why)
     problem = _Problem(points, nominal)
@@ -275,11 +270,9 @@ class _Problem:
         return float(np.sqrt(total / freedom)), float(low), float(high)
 
     def doubtful(self) -> int | None:
-        """Return which point the others contradict most, None where they contradict none.
-
-        The fit without a point follows from that with it: its three coordinates leave r' (I - H)^-1 r of the sum of
-        squares, which is compared with what the others leave, by the F distribution (Bonferroni over the points).
-        """
+        """Return which point the others contradict most, None where they contradict none. The fit without a point
+        leaves r' (I - H)^-1 r less of the sum of squares, which is compared with what the others leave, by the F
+        distribution (Bonferroni over the points)."""
         count, freedom, total = len(self.points), self._freedom() - 3.0, float(np.sum(self._left**2))
         if freedom < FEWEST:
             return None

@@ -1,11 +1,9 @@
-"""Contact-completion detector: both pads press on the object, and have stopped moving towards each other.
-
-The reference-spreading paper's own future work (part VI): what tells the interim mode that full contact is established.
-"""
+"""Contact-completion detector, the reference-spreading paper's future work (part VI): both pads press on the object,
+and have stopped moving towards each other."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.base.arrays import Array
 from hal.compilation import compiled
 from rtstack.control.parameters import CompletionParameters
 
@@ -38,14 +36,7 @@ class CompletionDetector:
         self._since = np.full(1, -1.0)
         self._force_n, self._speed_m_s, self._hold_s = parameters.force_n, parameters.speed_m_s, parameters.hold_s
 
-    def update(
-        self,
-        t_s: float,
-        force: NDArray[np.float64],
-        rotation: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        other_velocity: NDArray[np.float64],
-    ) -> bool:
+    def update(self, t_s: float, force: Array, rotation: Array, velocity: Array, other_velocity: Array) -> bool:
         """Take this arm's state at t_s (see `contact_now`), t_s >= 0 and never less than before."""
         return contact_now(
             t_s, force, rotation, velocity, other_velocity, self._since, self._force_n, self._speed_m_s, self._hold_s

@@ -19,10 +19,8 @@ FORCE, VELOCITY = 0, 3  # columns of the history
 
 @compiled
 def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, tare_from, tare_to):
-    """Push f and v into the history of one arm and return whether 1)-3) hold now, with f counted from the tare.
-
-    force (3,) N is the force that acts ON the end effector, velocity (3,) m/s; memory: DetectorMemory.
-    """
+    """Push f and v into the history of one arm and return whether 1)-3) hold now, with f counted from the tare. force
+    (3,) N is the force that acts ON the end effector, velocity (3,) m/s; memory: DetectorMemory."""
     history, total, tare = memory.history, memory.total, memory.tare
     window = history.shape[0]
     k = memory.head[0]
@@ -55,10 +53,8 @@ def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, t
 
 
 class DetectorMemory(NamedTuple):
-    """History (window, 6) of f N and v m/s; head (1,): the row of the oldest; filled (1,): the number of rows in use.
-
-    total (3,) N: the sum of the forces in it; tare (3,) N: what the force is counted from; frozen (1,): if it stays.
-    """
+    """History (window, 6) of f N and v m/s; head (1,): the row of the oldest; filled (1,): rows in use; total (3,) N:
+    the sum of the forces in it; tare (3,) N: what the force is counted from; frozen (1,): if it stays."""
 
     history: NDArray[np.float64]
     head: NDArray[np.int64]

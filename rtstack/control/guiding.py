@@ -1,12 +1,9 @@
 """The law of an arm that a person moves by hand: no torque but damping, springs at its limits, and the way back.
 
 Inside its limits an arm is free but for damping, and for a friction that holds it against a payload that is a little
-wrong (elastic, then sliding, as Dahl's): an arm that no hand touches stays where it is.
-
-Beyond a line (a joint's, or the box's of the pad) it hangs on a spring whose rest follows the hand to the inside, at
-INSIDE_RAD_S or INSIDE_M_S at most, and never goes back out: a hand that pushes outwards meets the spring, a hand that
-lets go leaves the arm where it is. The lines are a little inside the judge's, so that a hand meets a spring before the
-judge stops it.
+wrong (elastic, then sliding, as Dahl's): an arm that no hand touches stays where it is. Beyond a line (a joint's, or
+the box's of the pad), a little inside the judge's, it hangs on a spring whose rest follows the hand to the inside, at
+INSIDE_RAD_S or INSIDE_M_S at most, and never goes back out.
 """
 
 import numpy as np

@@ -12,11 +12,9 @@ from rtstack.samples import QpStatus
 
 @compiled
 def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
-    """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2).
-
-    The classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, with dv0 and alpha of the point of the body
-    at the world's origin.
-    """
+    """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2). The
+    classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, dv0 and alpha of the body's point at the world's
+    origin."""
     for i in range(3):
         work.position[i] = p7[i] + R7[i, 0] * face[0] + R7[i, 1] * face[1] + R7[i, 2] * face[2]
         for j in range(3):
@@ -72,11 +70,10 @@ def acceleration_bounds(q, dq, push, limits, lower, upper):
 def _largest(room, speed, limits, i):
     """Return the largest acceleration, rad/s^2, of joint i towards a position limit, `room` rad before it, at `speed`.
 
-    With the velocity v(room) that is allowed: d/dt (v - speed) >= -(v - speed) / approach_s. So the distance from
-    the line falls with that time constant at most, whatever the torque's rate; a joint beyond the line comes back, and
-    one on it stays there. Where v is zero it goes on as its tangent: a joint that is pushed beyond is pushed back.
-    Never more than `braking` is asked for: limits are kept in a soft sense, as the paper says, and the problem stays
-    feasible.
+    With the velocity v(room) that is allowed: d/dt (v - speed) >= -(v - speed) / approach_s. So the distance from the
+    line falls with that time constant at most, whatever the torque's rate. Where v is zero it goes on as its tangent: a
+    joint that is pushed beyond is pushed back. Never more than `braking` is asked for: limits are kept in a soft sense,
+    as the paper says, and the problem stays feasible.
     """
     offset, deceleration = limits.velocity_offset[i], limits.deceleration[i]
     slope = deceleration / offset
@@ -114,10 +111,8 @@ UNCONSTRAINED = int(QpStatus.UNCONSTRAINED)
 
 @compiled
 def observe(samples, workspaces, controls, model, parameters, memory):
-    """Take the state in samples[0] and the model at it; return whether this arm was hit in this tick.
-
-    model: ModelArrays; parameters (1,) of OBSERVER_PARAMETERS; memory: DetectorMemory.
-    """
+    """Take the state in samples[0] and the model at it; return whether this arm was hit in this tick. model:
+    ModelArrays; parameters (1,) of OBSERVER_PARAMETERS; memory: DetectorMemory."""
     sample = samples[0]
     work = workspaces[0]
     control = controls[0]
@@ -149,10 +144,7 @@ def observe(samples, workspaces, controls, model, parameters, memory):
 
 @compiled
 def torque(workspaces, samples, limits):
-    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque.
-
-    limits (1,) of CONTROL_LIMITS.
-    """
+    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
     work = workspaces[0]
     out = samples[0].tau_desired
     tau_step = limits[0].tau_step
@@ -173,10 +165,8 @@ def remember_torque(applied, previous):
 
 @compiled
 def external_acceleration(work, control):
-    """Write what the environment's torque accelerates the joints with to work.seven, rad/s^2: -M^-1 momentum_residual.
-
-    work.factor: of M, as `task_inertia` has left it.
-    """
+    """Write to work.seven, rad/s^2, what the environment's torque accelerates the joints with: -M^-1 momentum_residual.
+    work.factor: of M, as `task_inertia` has left it."""
     for i in range(7):
         work.seven[i] = -control.momentum_residual[i]
     solve_lower(work.factor, 7, work.seven)

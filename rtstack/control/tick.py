@@ -54,20 +54,15 @@ _BLEND = tuple(
 
 
 def _observer_parameters(
-    model: ArmModel,
-    parameters: ControlParameters,
-    detector: DetectorParameters,
-    inertia: InertiaParameters,
-    friction: FrictionParameters,
+    model: ArmModel, period_s: float, detector: DetectorParameters, inertia: InertiaParameters, own: FrictionParameters
 ) -> NDArray[np.void]:
-    """Return the OBSERVER_PARAMETERS (1,)."""
+    """Return the OBSERVER_PARAMETERS (1,). own: the arm's friction."""
     record = np.zeros(1, OBSERVER_PARAMETERS)
     p = record[0]
     p["face"], p["R_joint_ee"], p["R_world_base"] = model.face, model.R_joint_ee, model.T_world_base[:3, :3]
     p["B_theta"] = inertia.added
-    p["p1"], p["p2"], p["p3"], p["friction_scale"] = friction.p1, friction.p2, friction.p3, friction.scale
-    p["gravity_share"], p["observer_gain_hz"] = friction.gravity_share, inertia.observer_gain_hz
-    p["period_s"] = parameters.period_s
+    p["p1"], p["p2"], p["p3"], p["friction_scale"] = own.p1, own.p2, own.p3, own.scale
+    p["gravity_share"], p["observer_gain_hz"], p["period_s"] = own.gravity_share, inertia.observer_gain_hz, period_s
     for name in ("force_low_n", "force_high_n", "velocity_m_s", "tare_n", "largest_tare_n"):
         p[name] = getattr(detector, name)
     return record
@@ -97,7 +92,7 @@ class ArmController:
         self.program = program(solver)
         self.limits = control_limits(limits, parameters.period_s)
         self.parameters = parameters
-        self._observer = _observer_parameters(model, parameters, detector, inertia, friction)
+        self._observer = _observer_parameters(model, parameters.period_s, detector, inertia, friction)
         self._memory = ImpactDetector(detector, parameters.period_s).memory
         self.tare, self.tared = self._memory.tare, self._memory.frozen
         self.completion = CompletionDetector(completion or CompletionParameters())
@@ -150,9 +145,7 @@ class ArmController:
 
     def in_contact(self, t_s: float, other: "ArmController | None") -> bool:
         """Whether this arm's pad, as last observed, is in lasting contact. Evaluated in each tick that waits for it.
-
-        other: whose pad presses on the same object; None: the pad presses on something that stands still.
-        """
+        other: whose pad presses on the same object; None: the pad presses on something that stands still."""
         against = self._mirrored if other is None else other.velocity
         if other is None:  # the whole speed counts, as that of two pads that meet in the middle
             np.negative(self.velocity, out=against)

@@ -10,7 +10,7 @@ All signals are smoothed alike, by cubics over 31 ms, which leaves these equatio
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -143,12 +143,15 @@ class Links:
 
 
 def links(samples: ArmSamples, bare: ArmSamples | None = None) -> Links:
-    """Fit the inertial parameters that explain the torques; those of no effect on them stay the description's.
-
-    bare: of the same arm without its payload. Both are fitted together: what the description lacks, which both have,
-    and what the last link carries in `samples` alone, so that the payload's interval has what is open of the links.
-    """
-    together = samples if bare is None else _joined(samples, bare)
+    """Fit the inertial parameters that explain the torques; those of no effect on them stay the description's. bare: of
+    the same arm without its payload, fitted together: what the description lacks, which both have, and what the last
+    link carries in `samples` alone, so that the payload's interval has what is open of the links."""
+    together = samples
+    if bare is not None:
+        bare = replace(bare, blocks=bare.blocks + samples.blocks.max() + 1)
+        names = [field.name for field in fields(ArmSamples)[1:]]
+        both = (np.concatenate([getattr(samples, name), getattr(bare, name)]) for name in names)
+        together = ArmSamples(samples.model, *both)
     n = len(together.q)
     Y, Y_gravity, described = _regressors(together)
     if bare is not None:
@@ -179,14 +182,6 @@ def links(samples: ArmSamples, bare: ArmSamples | None = None) -> Links:
     return Links(
         together, described[0] + Y @ found.value, described[1] + gravity_left, shapes, payload, (loaded, without)
     )
-
-
-def _joined(one: ArmSamples, other: ArmSamples) -> ArmSamples:
-    """Return the samples of both, of the first one's model."""
-    parts = [[getattr(each, field.name) for field in fields(ArmSamples)[1:]] for each in (one, other)]
-    columns = dict(zip((field.name for field in fields(ArmSamples)[1:]), zip(*parts, strict=True), strict=True))
-    columns["blocks"] = (one.blocks, other.blocks + one.blocks.max() + 1)
-    return ArmSamples(one.model, **{name: np.concatenate(both) for name, both in columns.items()})
 
 
 def _regressors(samples: ArmSamples) -> tuple[Array, Array, tuple[Array, Array, Array]]:

@@ -36,11 +36,8 @@ class ContactLog:
 
 
 def estimate_delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float) -> Estimate:
-    """Return how late the estimate of an arm, by its number, is beyond a low-pass of cutoff_hz, (1,), ms.
-
-    By the inertial parameters that were fitted, or by those of the description, whichever explain the contacts better,
-    which no fit of them has seen: a log that hardly moves tells little of them.
-    """
+    """Return how late the estimate of an arm, by its number, is beyond a low-pass of cutoff_hz, (1,), ms: by the fitted
+    inertial parameters or the description's, whichever explain the contacts better, which no fit of them has seen."""
     described = [ContactLog(log.arms, (np.zeros(70),) * len(log.arms)) for log in logs]
     found, _ = min((_delay(model, each, side, cutoff_hz) for each in (logs, described)), key=lambda each: each[1])
     return found
@@ -85,11 +82,9 @@ def contact_stiffness(
     models: Sequence[pin.Model], faces: Sequence[pin.SE3], logs: Sequence[ContactLog], offsets: Sequence[Array],
     delays_ms: Sequence[float], cutoff_hz: float,
 ) -> Estimate:  # fmt: skip
-    """Return the stiffness of a pad's face on what both pads hold, silicone and wall in series, (1,), N/m.
-
-    Of both arms: models, the frames of their pads' faces in their last joints, and how far the estimates of external
-    torques are off, (7,) Nm, and how late.
-    """
+    """Return the stiffness of a pad's face on what both pads hold, silicone and wall in series, (1,), N/m. Of both
+    arms: models, the frames of their pads' faces in their last joints, and how far the estimates of external torques
+    are off, (7,) Nm, and how late."""
     columns, forces, blocks = [], [], []
     for number, log in enumerate(logs):
         n = min(map(len, log.arms))

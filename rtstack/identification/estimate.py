@@ -27,11 +27,9 @@ class Estimate:
 def linear(
     X: Array, y: Array, blocks: NDArray[np.int64], instruments: Array | None = None, rank: float = 3e-5
 ) -> Estimate:  # fmt: skip
-    """Fit y (m,) = X (m, n) beta. blocks (m,): which samples belong together.
-
-    instruments (m, n): what is known of each column without the noise that X has, where X has any. rank: the share of
-    the largest singular value below which a direction of beta is left at zero.
-    """
+    """Fit y (m,) = X (m, n) beta. blocks (m,): which samples belong together. instruments (m, n): what is known of each
+    column without the noise that X has, where X has any. rank: the share of the largest singular value below which a
+    direction of beta is left at zero."""
     scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     X = X / scale
     Z = X if instruments is None else instruments / np.maximum(np.linalg.norm(instruments, axis=0), 1e-300)

@@ -63,10 +63,8 @@ class Identification:
         return PreparedMotion(asked, self._description, self.sweep(asked.joint).plan, self._parameters, noise, True)
 
     def take_log(self, asked: SweepSpecification, path: Path) -> bool:
-        """Take a run that was made before from its log. Returns whether there is a complete one.
-
-        Raises TrialError where the log is of another identification.
-        """
+        """Take a run that was made before from its log; return whether there is a complete one. Raises TrialError where
+        the log is of another identification."""
         if not path.exists():
             return False
         try:

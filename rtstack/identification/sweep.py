@@ -23,6 +23,7 @@ from rtstack.trials.motion import MotionResult, run_motion
 from rtstack.trials.move import where_arms_stand
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.start_motion import StartMotion, posture
+from rtstack.trials.tightening import limits_of_arms
 
 # where the sweeps are: pads apart, over any object, in the middle of what grabs use. m, along the world's y and z
 CENTRE_Y, CENTRE_Z = 0.25, 0.5
@@ -40,8 +41,7 @@ MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # the right arm is t
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """joint: 0 to 6. plan: from home to the centre, the sweep, and home again; the samples between the times
-    begin_s and end_s count."""
+    """joint: 0 to 6. plan: from home to the centre, the sweep, and home; samples between begin_s and end_s count."""
 
     joint: int
     plan: SessionPlan
@@ -67,11 +67,8 @@ def sweep(description: CellDescription, arms: Sequence[ArmController], joint: in
 
 def all_joints(description: CellDescription, arms: Sequence[ArmController], run: int) -> SessionPlan:
     """Return a motion of all joints of all arms at once, two arms as mirror images: two tones a joint, other phases
-    each run.
-
-    All frequencies differ, so that no joint's friction or inertia can pass for another one's. Raises TrialError where
-    there is no room.
-    """
+    each run. All frequencies differ, so that no joint can pass for another one. Raises TrialError where there is no
+    room."""
     end_s = BEGIN_S + TONES_S
     t = _ticks_s(end_s)
     fade, _ = quintic_path(
@@ -105,13 +102,17 @@ def _about_centre(
         home = np.array(mounting.home)
         q = home + share[:, None] * (_centre(arm, home, side) - home) + (away if side == "left" else MIRROR * away)
         _follow(arm, q, control.period_s, points)
-    _check_room(description, targets, what)
+    for points, limits in zip(targets["position"], limits_of_arms(description), strict=True):
+        if not np.all((points >= limits.ee_lower) & (points <= limits.ee_upper)):
+            raise TrialError(
+                f"{what} would leave the cell's box (ee_lower, ee_upper under [safety]): identify on a cell with more "
+                "room"
+            )
     return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
 
 
 def wiggle(arms: Sequence[ArmController], q: Array, side: int, joint: int) -> SessionPlan:
-    """Return a turn of one joint (0 to 6) of one arm, by its place among them, by WIGGLE_RAD and back; all arms begin
-    at q (arms, 7), rad."""
+    """Return a turn of one joint (0 to 6) of one arm by WIGGLE_RAD and back; all arms begin at q (arms, 7), rad."""
     control = ControlParameters()
     t = np.arange(round((2 * REST_S + 2 * WIGGLE_S) / control.period_s)) * control.period_s
     way = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WIGGLE_S, 1.0), ViaPoint(REST_S + 2 * WIGGLE_S, 0.0)]
@@ -145,18 +146,6 @@ class PreparedWiggle(PreparedRun[MotionResult]):
         return MotionResult(reason is None, reason, columns)
 
 
-def _check_room(description: CellDescription, targets: NDArray, what: str) -> None:
-    lower, upper = (
-        np.array(description.safety.get(f"ee_{end}", sign * np.full(3, np.inf)))
-        for end, sign in (("lower", -1.0), ("upper", 1.0))
-    )
-    positions = targets["position"]
-    if not np.all((positions >= lower) & (positions <= upper)):
-        raise TrialError(
-            f"{what} would leave the cell's box (ee_lower, ee_upper under [safety]): identify on a cell with more room"
-        )
-
-
 def _centre(arm: ArmController, home: Array, side: str) -> Array:
     work, point = arm.observed_at(home), np.zeros(1, POINT)
     point["rotation"][0] = work["rotation"]
@@ -172,8 +161,7 @@ def _follow(arm: ArmController, q: Array, period_s: float, points: NDArray) -> N
     joint = arm.parameters.posture_joint
     for i in range(len(q)):
         work = arm.observed_at(q[i], dq[i])
-        points["position"][i], points["rotation"][i], points["twist"][i] = (
-            work["position"], work["rotation"], work["twist"],
-        )  # fmt: skip
+        for name in ("position", "rotation", "twist"):
+            points[name][i] = work[name]
     points["xi"], points["dxi"] = q[:, joint], dq[:, joint]
     points["beta"] = np.gradient(dq[:, joint], period_s)

@@ -59,11 +59,8 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ArmTwin:
-    """What the logs say about an arm.
-
-    rms_nm: of the torque through each joint on what was held out, (7,): from the motor's side with the published
-    numbers and with the twin's, and from the links' side.
-    """
+    """What the logs say about an arm. rms_nm: of the torque through each joint on what was held out, (7,): from the
+    motor's side with the published numbers and with the twin's, and from the links' side."""
 
     parameters: tuple[Parameter, ...]
     rms_nm: Mapping[str, Sequence[float]]
@@ -79,10 +76,9 @@ def twin(
 ) -> dict[str, ArmTwin]:  # fmt: skip
     """Identify the arms of a cell, by side. Raises TrialError with one line.
 
-    unloaded: logs of the same arms without the payload: what of the links is not as described cannot pass for a payload
-    then; without them no payload is told. held_out: logs that are judged on and not fitted, instead of the end of each
-    log. cutoff_hz: of the low-pass that the simulated robot's estimate of external torques has; what is identified is
-    the delay beyond it.
+    unloaded: logs of the same arms without the payload, which no error of the links can pass for then; without them no
+    payload is told. held_out: logs that are judged on and not fitted, instead of the end of each log. cutoff_hz: of the
+    low-pass of the simulated robot's estimate of external torques; what is identified is the delay beyond it.
     """
     mountings = description.arms
     models = [ArmModel(mounting, description.pad).pin_model for mounting in mountings]

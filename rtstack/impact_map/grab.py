@@ -1,9 +1,8 @@
 """A grab planned through its impact: from the ante-impact reference at the nominal impact to the velocities after it.
 
-A reference says where a pad is and how fast (a pose and a twist), and position and velocity of one joint, which takes
-up the redundancy (Section IV-A of the impact-map paper). Together these are seven numbers for seven joints: they
-determine configuration and velocity of the arm. The map of the scene there is (14), what the post-impact reference
-begins with, joint velocity included.
+A reference's pose and twist, and position and velocity of one joint, which takes up the redundancy (Section IV-A of the
+impact-map paper), are seven numbers for seven joints: they determine configuration and velocity of the arm. The map of
+the scene there is (14), what the post-impact reference begins with.
 """
 
 from dataclasses import dataclass
@@ -93,9 +92,7 @@ def grab_scene(
 
 def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array, Array]:
     """Return q (7,) rad and dq (7,) rad/s of an arm in the pose and with the velocities of `point`, () of POINT.
-
-    By Newton's method from the arm's home. Raises SceneError where it does not come there.
-    """
+    Newton's method from the arm's home; raises SceneError where it does not come there."""
     q, dq, _ = joint_state_near(ArmModel(mounting, pad), np.array(mounting.home), point)
     return q, dq
 

@@ -99,10 +99,8 @@ def _slices(lengths: Iterable[int]) -> tuple[slice, ...]:
 
 
 def _motion(patch: Patch) -> Array:
-    """Return the velocities of a patch's points in its frame, (3n, 6), from a twist at the world's origin.
-
-    Along an axis t: t (v + w x p) = t v + (p x t) w.
-    """
+    """Return the velocities of a patch's points in its frame, (3n, 6), from a twist at the world's origin: along an
+    axis t, t (v + w x p) = t v + (p x t) w."""
     p, t = patch.points[:, None, :], patch.frame.T[None]
     motion = np.empty((len(patch.points), 3, 6))
     motion[:, :, :3] = t

@@ -43,11 +43,9 @@ class Solution:
 
 
 def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
-    """Solve Coulomb's law (rtstack.impact_map.coulomb) for lambda, where v = G lambda + b. Never raises for numbers.
-
-    G (3n, 3n) 1/kg, symmetric, positive semidefinite; b (3n,) m/s; friction (n,). `solve_ncp` is on: the law itself.
-    The solver's answer is made exact by Newton's method; an answer that stays inexact is returned as not solved.
-    """
+    """Solve Coulomb's law (rtstack.impact_map.coulomb) for lambda, where v = G lambda + b. Never raises for numbers. G
+    (3n, 3n) 1/kg, symmetric, positive semidefinite; b (3n,) m/s; friction (n,). `solve_ncp` is on: the law itself. The
+    solver's answer is made exact by Newton's method; an answer that stays inexact is returned as not solved."""
     if len(friction) == 0 or np.all(b[2::3] >= 0.0):  # nothing approaches
         none = np.zeros((len(friction), 3))
         return Solution(none, none, True, 0)
@@ -99,10 +97,8 @@ def _engine(solver: Solver, size: int) -> tuple[Any, Any, Any]:
 
 @lru_cache(maxsize=256)
 def _constraints(friction: tuple[float, ...]) -> tuple[Any, Any]:
-    """Return the friction cones as Pinocchio's solvers want them: they read nothing else of a contact model.
-
-    setFriction sets them: assigning to `set` would silently do nothing.
-    """
+    """Return the friction cones as Pinocchio's solvers want them, which read nothing else of a contact model. Set by
+    setFriction: assigning to `set` would silently do nothing."""
     model = pin.Model()
     inertia = pin.JointModelFreeFlyer()
     joint = model.addJoint(0, inertia, pin.SE3.Identity(), "body")

@@ -43,9 +43,8 @@ class CommandEcho:
     def agree(self, begun: bool) -> None:
         """Start from the torque that the robot has: an answer that came too late was dropped.
 
-        A state that repeats the last one tells nothing of it. Torque control begins at zero. Until our first torque has
-        come back, tau_J_d is what the robot's own controller held the arm with: no start for ours. begun: the arm has
-        shown a state before this one.
+        A state that repeats the last one tells nothing of it. Until our first torque has come back we start from zero:
+        tau_J_d is what the robot's own controller held the arm with. begun: the arm has shown a state before this one.
         """
         difference = self._differ()
         if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all

@@ -13,10 +13,8 @@ _STOPPING = Mode.STOPPING  # looked up once: an enumeration's member costs 0.1 u
 
 
 class EventReporter:
-    """Publishes each change once, after the torques were sent. Text is formatted only for an event.
-
-    Times in texts are s since the start of the reference; events carry the robot's time.
-    """
+    """Publishes each change once, after the torques were sent. Text is formatted only for an event. Times in texts are
+    s since the start of the reference; events carry the robot's time."""
 
     def __init__(
         self, publisher: Publisher, controller: Controller, time: Timeline, notes: FaultNotes,

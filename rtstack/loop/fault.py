@@ -26,11 +26,9 @@ class FailedQp:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What ended a session: see WatchdogTrip for what was found and allowed.
-
-    t_ns: robot's time of the tick that saw it. reaction_ticks: from that tick to the one in which both arms were given
-    the judge's stopping torque, None where they were being stopped already, or the robot ended torque control itself.
-    """
+    """What ended a session: see WatchdogTrip for what was found and allowed. t_ns: robot's time of the tick that saw
+    it. reaction_ticks: from that tick to the one in which both arms were given the judge's stopping torque, None where
+    they were being stopped already, or the robot ended torque control itself."""
 
     trip: WatchdogTrip
     t_ns: int

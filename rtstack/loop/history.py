@@ -26,10 +26,8 @@ class Columns:
 
     @classmethod
     def read(cls, topic: Callable[[str], NDArray]) -> "Columns":
-        """Return the samples that `topic` has of each of the topics, cut to the shortest of a tick.
-
-        An arm of which there is no sample was not there; without any there are two.
-        """
+        """Return the samples that `topic` has of each of the topics, cut to the shortest of a tick. An arm of which
+        there is no sample was not there; without any there are two."""
         arms, controls = ([topic(name) for name in names] for names in (ARM_TOPICS, CONTROL_TOPICS))
         there = [k for k, samples in enumerate(arms) if len(samples)] or [0, 1]
         arms, controls = [arms[k] for k in there], [controls[k] for k in there]
@@ -70,10 +68,8 @@ class _Samples:
 
 
 class History:
-    """Preallocated memory for a run of at most `capacity` ticks: `append` copies and never allocates.
-
-    endless: of a run that has no length of its own the newest `capacity` ticks are kept.
-    """
+    """Preallocated memory for a run of at most `capacity` ticks: `append` copies and never allocates. endless: of a run
+    that has no length of its own the newest `capacity` ticks are kept."""
 
     def __init__(self, capacity: int, endless: bool = False, sides: Sequence[str] = SIDES) -> None:
         self._capacity, self._endless, self._sides = capacity, endless, sides

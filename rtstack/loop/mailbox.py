@@ -1,11 +1,8 @@
 """The mailbox: aligned 64-bit words in shared memory, from the console's processes to the real-time loop.
 
-The loop only loads words, so that no writer can make it wait, whatever happens to that writer. A word has one
-meaning and is written whole; the blocks of a teleoperation's target and of a policy's chunk stand behind a sequence
-word of their own each, odd while it is being written. A sign of life is one word: the host's time.monotonic_ns, 0 for
-never.
-
-What an operator asks of the loop, and what a policy does: the blocks of words that the mailbox carries.
+The loop only loads words, so that no writer can make it wait. A word has one meaning and is written whole; the blocks
+of a teleoperation's target and of a policy's chunk stand behind a sequence word of their own each, odd while it is
+being written. A sign of life is one word: the host's time.monotonic_ns, 0 for never.
 """
 
 from enum import IntEnum
@@ -110,10 +107,8 @@ class Mailbox:
         return box
 
     def request_stop(self) -> int:
-        """Ask the loop for a controlled stop. Any process, any time, any number of times.
-
-        Returns the loop's turn at that time, for `stop_taken`: 0 where no session controlled the arms.
-        """
+        """Ask the loop for a controlled stop, any time. Returns its turn, for `stop_taken`: 0 where no session
+        controlled the arms."""
         self._words[_Word.STOP] = 1
         return self._words[_Word.TURN]
 

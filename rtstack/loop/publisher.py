@@ -73,11 +73,9 @@ class _Stream:
 
 
 class Publisher:
-    """Publishes a tick to every ring. Events are fixed-size records too: formatting happens on events only.
-
-    sides: of the arms. sensors: read with the object's pose. leads: read once the torques are out, their stamps are
-    the log's. Raises LogError for one whose topic is not in the table.
-    """
+    """Publishes a tick to every ring. Events are fixed-size records too: formatting happens on events only. sides: of
+    the arms. sensors: read with the object's pose. leads: read once the torques are out, their stamps are the log's.
+    Raises LogError for one whose topic is not in the table."""
 
     def __init__(
         self, rings: Sequence[Rings], history: History | None, sensors: Sequence[Sensor] = (),
@@ -102,12 +100,9 @@ class Publisher:
             self._event_takers.append(history.keep(EVENT_TOPIC))
 
     def look(self, tracker: ObjectTracker, origin_ns: int = 0, now_ns: int = 0) -> None:
-        """Take the object's pose and the sensors' samples for the next `tick`. origin_ns: robot's time that the log
-        counts from, unless 0, and now_ns, how long ago that is. All stands still until the first answer: what was seen
-        before then is how the object stands at the first state, and has its stamp.
-
-        A robot that waits for its answer is asked before it has got one: afterwards its next pose may be there already.
-        """
+        """Take the object's pose and the sensors' samples for the next `tick`; of a robot that waits for its answer,
+        before it gets one. origin_ns: robot's time that the log counts from, unless 0, and now_ns, how long ago that
+        is. All stands still until the first answer: what was seen before then has the stamp of the first state."""
         self._object.offer(tracker.latest().record, origin_ns, now_ns)
         for sensor, stream in self._sensors:
             sensor.read(stream.sample)

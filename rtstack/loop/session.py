@@ -51,10 +51,7 @@ def low_pass_share(cutoff_hz: float) -> float:
 
 @compiled
 def low_pass(samples, workspaces, share):
-    """Move samples[0].tau_desired to where it is `share` of the way from the last applied torque: never a larger step.
-
-    What is no number stays none: the judge sees it.
-    """
+    """Move samples[0].tau_desired to `share` of the way from the last applied torque. What is no number stays none."""
     desired, last = samples[0].tau_desired, workspaces[0].tau_previous
     for i in range(7):
         desired[i] = last[i] + share * (desired[i] - last[i])
@@ -124,9 +121,7 @@ class SessionPlan:
 @dataclass(frozen=True, slots=True)
 class SessionOutcome:
     """end: how it ended; detail: which limit, error or QP status, empty where all went well; fault: the evidence.
-
-    real_time_factor: robot's seconds over the host's, from the first tick to the last.
-    """
+    real_time_factor: robot's seconds over the host's, from the first tick to the last."""
 
     end: End
     detail: str
@@ -293,9 +288,7 @@ class Session:
 
     def _receive(self) -> tuple[int, ...]:
         """Read all arms where they share a clock, else one whose state has arrived: the other one's turn is next.
-
-        Answered together, the first one would wait for the second one's tick.
-        """
+        Answered together, the first one would wait for the second one's tick."""
         sides = _FIRST[self._cell.link.wait()] if self._own_clocks and self._cell.link is not None else self._all
         for k in sides:
             record = self._arms[k].read().record

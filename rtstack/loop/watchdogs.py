@@ -39,10 +39,8 @@ def since_boot_s() -> float:
 
 @dataclass(frozen=True, slots=True)
 class WatchdogTrip:
-    """Why a session ends. value and bound: what was found and what was allowed, where it is a number.
-
-    side: left or right, empty where it is not of one arm; joint: 1 to 7, 0 where it is of none.
-    """
+    """Why a session ends. value and bound: what was found and what was allowed, where it is a number. side: left or
+    right, empty where it is not of one arm; joint: 1 to 7, 0 where it is of none."""
 
     end: End
     detail: str
@@ -67,9 +65,7 @@ class Watchdog(Protocol):
 
 class Heartbeat(Watchdog):
     """Trips where a word of signs of life has not moved on: `read_ns` gives the host's monotonic time of the last one.
-
-    Who has never given one (0) is gone from the first tick on: beat before the session begins.
-    """
+    One that has never given one (0) is gone from the first tick on: beat before the session begins."""
 
     def __init__(self, read_ns: Callable[[], int], limit_s: float, end: End) -> None:
         self._read_ns = read_ns
@@ -100,10 +96,8 @@ class Parent(Watchdog):
 
 
 class TickOverrun(Watchdog):
-    """Trips where the arms' turns together took longer than a period, OVERRUN_TICKS times in a row for one of them.
-
-    Only where the robot does not wait. One long turn counts once for each arm, and is forgotten with the next one.
-    """
+    """Trips where the arms' turns together took longer than a period, OVERRUN_TICKS times in a row for one of them;
+    only where the robot does not wait. One long turn counts once for each arm, and is forgotten with the next one."""
 
     def __init__(self, arms: int = 2) -> None:
         self._took_ns = [0] * arms

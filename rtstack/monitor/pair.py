@@ -44,11 +44,9 @@ TIMES = np.dtype(fields("i8", "period_ns decided_ns later_ns patience"))
 
 
 def expected_dtype(joints: int) -> np.dtype:
-    """Return the record of what a tick of the reference expects.
-
-    dq: joint velocities (14) of both arms after the impact, rad/s; net_force: of both pads on their surroundings, N;
-    bound: how far it may be off, N, infinite where nothing is known. phase: TARE, IMPACT or AFTER.
-    """
+    """Return the record of what a tick of the reference expects. dq: joint velocities (14) of both arms after the
+    impact, rad/s; net_force: of both pads on their surroundings, N; bound: how far it may be off, N, infinite where
+    nothing is known. phase: TARE, IMPACT or AFTER."""
     return np.dtype([("dq", "f8", (2, joints)), ("net_force", "f8", 3), ("bound", "f8", 3), ("phase", "i8")])
 
 

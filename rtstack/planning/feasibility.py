@@ -1,9 +1,11 @@
 """Whether a plan can be run: each check ends in one line that says what is wrong and what to change.
 
-The margins are what feedback and the impact's vibrations need beside the plan.
+Where it is too fast, the fastest speed that would do is found. The margins are what feedback and an impact's vibrations
+need beside the plan.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance
 from rtstack.planning.impact_loads import impact_loads
 from rtstack.planning.planned import PlannedMotion
-from rtstack.planning.request import GrabPlan, PlanError, TooFast
+from rtstack.planning.request import SLOWEST_M_S, GrabPlan, Plan, PlanError, TooFast
 from rtstack.safety.limits import SafetyLimits, hardware_limits
 from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_object
@@ -33,6 +35,7 @@ SPREAD_SHARE = 0.005  # of the speed: how much of the velocity after the impact 
 AGREED_M_S = 1e-6
 CLEARANCE_M = 0.004  # of pads and links over the table: at home a pad's edge is 10 mm above it
 LOOK_TICKS = 10
+COARSE_M_S, FINE_M_S = 0.1, 0.01
 
 
 def object_named(description: CellDescription, name: str) -> ObjectDescription:
@@ -54,6 +57,50 @@ def check_place(description: CellDescription, object_name: str, height: float) -
             f"height {height:g} m: on {object_name} the pads have to be within {lowest:.3f} and {room:.3f} m of its "
             "centre to lie on its face and clear the table"
         )
+
+
+def feasible(
+    motion: Callable[[CellDescription, str, Plan], PlannedMotion], description: CellDescription, name: str, plan: Plan
+) -> PlannedMotion:
+    """Return the motion of a plan for the object of this name. Raises PlanError where it is not feasible; TooFast with
+    the fastest speed that would do, to 0.01 m/s, of those within 0.1 m/s over a speed that does."""
+
+    def attempt(plan: Plan) -> PlannedMotion:
+        planned = motion(description, name, plan)
+        check_plan(planned, description.about(name))
+        return planned
+
+    def does(hundredths: int) -> bool:
+        try:
+            attempt(replace(plan, speed=round(hundredths * FINE_M_S, 2)))
+        except PlanError:
+            return False
+        return True
+
+    try:
+        return attempt(plan)
+    except TooFast as error:
+        found = _fastest(does, round(plan.speed / FINE_M_S + 0.499))
+        advice = "no lower speed would do" if found is None else f"the fastest speed that would do is {found:.2f} m/s"
+        raise TooFast(f"{error}; all else as it is, {advice}", found) from None
+
+
+def _fastest(does: Callable[[int], bool], too_fast: int) -> float | None:
+    """Return the fastest speed, m/s, that does; None where none does that is whole tenths slower, nor the slowest one.
+
+    does, too_fast: in hundredths of a m/s. Low speeds fail for other reasons: there is no bisection over all of them.
+    """
+    slowest, step = round(SLOWEST_M_S / FINE_M_S), round(COARSE_M_S / FINE_M_S)
+    for good in (*range(too_fast - step, slowest, -step), slowest):
+        if good < too_fast and does(good):
+            break
+        too_fast = min(too_fast, good)
+    else:
+        return None
+    while too_fast - good > 1:
+        middle = (too_fast + good) // 2
+        good, too_fast = (middle, too_fast) if does(middle) else (good, middle)
+    return round(good * FINE_M_S, 2)
 
 
 def check_plan(planned: PlannedMotion, description: CellDescription) -> None:
@@ -193,12 +240,9 @@ def _check_pad(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits
 
 
 def near_misses(description: CellDescription, q: Sequence[Array], points: NDArray) -> Iterator[tuple[int, str]]:
-    """Look at the judge's capsules and at the pads' boxes every LOOK_TICKS of a path. Yields the ticks at which
-    something comes too near, with the side of the arm that does to the table, "" for two arms to each other.
-
-    q: (n, 7) rad of each arm; points (arms, n): position and rotation of the pads at the same ticks. An arm alone is
-    compared with the table only.
-    """
+    """Look at the judge's capsules and the pads' boxes every LOOK_TICKS of a path; yield the ticks at which something
+    comes too near, with the side of the arm that does to the table, "" for two arms to each other. q: (n, 7) rad of
+    each arm; points (arms, n): position and rotation of the pads at the same ticks."""
     clearance, top = Clearance(description), description.table.top_z
     reaches = [np.array(pad.size) / 2 for pad in description.pads]
     for tick in range(0, points.shape[1], LOOK_TICKS):

@@ -49,8 +49,7 @@ class FreeMotion:
 def free_motion(
     planned: PlannedMotion, description: CellDescription, part: PlanPhase, control: ControlParameters, after_s: float
 ) -> FreeMotion:
-    """Return the free motion of a part; of the post-impact one, the first after_s. Raises PlanError where an arm cannot
-    go there."""
+    """Return the free motion of a part; of the post-impact one the first after_s. Raises PlanError."""
     recording = planned.recording
     n, k = recording.points.shape[1], recording.impact
     begin, end = (0, k) if part is PlanPhase.ANTE else (k, min(k + round(after_s / recording.period_s), n))
@@ -95,10 +94,8 @@ def _velocity(point: NDArray) -> Array:
 
 
 def _points(level: Array, vias: list[list[ViaPoint]], t_s: Array, period_s: float) -> tuple[NDArray, Array]:
-    """Return the points (n,) along the via points of each column, and accelerations (n, 7) as `points_along` does.
-
-    A pad turns from `level` about one axis, as in a plan: the rotation vector's rate is its angular velocity.
-    """
+    """Return the points (n,) along the via points of each column, and accelerations (n, 7) as `points_along` does. A
+    pad turns from `level` about one axis: the rotation vector's rate is its angular velocity."""
     points, acceleration = np.zeros(len(t_s), POINT), np.zeros((len(t_s), COLUMNS))
     place, velocity = np.zeros((len(t_s), COLUMNS)), np.zeros((len(t_s), COLUMNS))
     for column, path in enumerate(vias):

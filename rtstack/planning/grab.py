@@ -9,8 +9,7 @@ from rtstack.impact_map import MapKind, SceneError
 from rtstack.impact_map.grab import grab_impact, joint_state_near
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.planning.fastest import feasible
-from rtstack.planning.feasibility import GRAVITY, check_place, object_named
+from rtstack.planning.feasibility import GRAVITY, check_place, feasible, object_named
 from rtstack.planning.joints import arm_inertia
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
@@ -90,10 +89,8 @@ def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) 
 
 
 def _slowing(description: CellDescription, meeting: NDArray, mass: float) -> float:
-    """Return by how much its weight slows an object of this mass, kg, between pads that nothing drives, m/s^2.
-
-    meeting (2,): points of POINT in which the pads meet it. m g / (m + Lambda_zz of both arms), with (27).
-    """
+    """Return by how much its weight slows an object of this mass, kg, between pads that nothing drives, m/s^2: m g / (m
+    + Lambda_zz of both arms), with (27). meeting (2,): points of POINT in which the pads meet it."""
     carried = mass
     for mounting, point in zip(description.arms, meeting, strict=True):
         model = ArmModel(mounting, description.pad)

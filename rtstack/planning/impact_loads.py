@@ -1,8 +1,7 @@
 """What an impact does to the joints: the rigid map says where it ends, this how hard it is on the way there.
 
-The bodies, contact points, friction and inertias of the map's own scene, at the map's configuration, for the IMPACT_S
-in which the pads come to rest on the object: each pad gives way as a static squeeze shows, and each joint is a motor
-and a link with a spring between them, whose torque is what the joint measures.
+The map's own scene at its configuration, for the IMPACT_S in which the pads come to rest on the object: each pad gives
+way as a static squeeze shows, each joint is a motor and a link with a spring between, whose torque it measures.
 """
 
 from dataclasses import dataclass

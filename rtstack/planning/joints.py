@@ -37,9 +37,7 @@ def joint_motion(
     model: ArmModel, start: Array, pieces: tuple[NDArray, ...], period_s: float, posture_joint: int, side: str
 ) -> JointMotion:
     """Return the motion through pieces (n_i,) of POINT, one after the other, from a configuration near `start` (7,).
-
-    Velocities may jump between two pieces. Raises PlanError where the arm cannot go there.
-    """
+    Velocities may jump between two pieces. Raises PlanError where the arm cannot go there."""
     parts, q = [], start
     for points in pieces:
         parts.append(_piece(model, q, points, period_s, posture_joint, side))
@@ -78,11 +76,8 @@ def arm_inertia(model: ArmModel) -> Array:
 
 def feedforward(motion: JointMotion, acceleration: Array, torque: Array, posture_joint: int) -> tuple[Array, Array]:
     """Return wrench_ff (n, 6) and beta (n,) of a pad that accelerates with `acceleration` (n, 7: as `points_along`)
-    while the arm exerts `torque` (n, 7) Nm beside it, J^T of a force on the object: (22), (26)-(27) of the impact-map
-    paper.
-
-    Lambda times the acceleration, and the force; its reaction turns the posture's joint too, which beta takes along.
-    """
+    while the arm exerts `torque` (n, 7) Nm beside it, J^T of a force on the object: Lambda times the acceleration, and
+    the force; its reaction turns the posture's joint too. (22), (26)-(27) of the impact-map paper."""
     reaction = np.linalg.solve(motion.M, torque[:, :, None])[:, :, 0]
     wanted = np.einsum("nij,nj->ni", motion.J, reaction) + acceleration[:, :6]
     inverse = motion.J @ np.linalg.solve(motion.M, motion.J.transpose(0, 2, 1))  # Lambda^-1

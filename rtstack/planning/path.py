@@ -18,11 +18,8 @@ UNHURRIED_S = 0.8  # for an axis that has no speed to gather
 
 @dataclass(frozen=True, slots=True)
 class ArmPath:
-    """Via points of one arm: the pad's face along x, y and z, m, and the posture's joint, rad.
-
-    turn: a time s(t), s: the pad turns by s times `turning` (3,) rad/s, along the world's axes; empty where it never
-    does.
-    """
+    """Via points of one arm: the pad's face along x, y and z, m, and the posture's joint, rad. turn: a time s(t), s:
+    the pad turns by s times `turning` (3,) rad/s, along the world's axes; empty where it never does."""
 
     x: Vias
     y: Vias
@@ -70,18 +67,13 @@ class Approach:
     turning: Array = field(default_factory=lambda: np.zeros(3))
 
     def least_s(self, steady_s: float) -> float:
-        """Return how long it takes, s, with steady_s at constant velocity at its end.
-
-        A speed v is gathered over d in 2 d / v: at half of it on average, so that the path never turns back. Raises
-        PlanError where there is no room.
-        """
+        """Return how long it takes, s, with steady_s at constant velocity at its end. A speed v is gathered over d in 2
+        d / v, at half of it on average: the path never turns back. Raises PlanError where there is no room."""
         return max(steady_s + self._gathering_s(axis, steady_s) for axis in range(3))
 
     def path(self, touch_s: float, steady_s: float) -> ArmPath:
-        """Return the path that arrives at the time touch_s, and goes straight on at constant velocity.
-
-        Its `turn` counts from the rotation at the object.
-        """
+        """Return the path that arrives at touch_s and goes straight on at constant velocity; `turn` counts from the
+        rotation there."""
         axes, steady = [], touch_s - steady_s
         for axis in range(3):
             v, contact = float(self.velocity[axis]), float(self.contact[axis])

@@ -37,11 +37,10 @@ class Timing:
 class PlannedMotion:
     """A plan that may be run.
 
-    recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of
-    each arm at the same ticks; acceleration (arms, n, 7): of the pads along x, y and z m/s^2, about them and of the
-    posture's joint rad/s^2; force (arms, n, 3) N: what the pads are to exert; map: of the impact; velocities (arms, 3)
-    m/s of the pads after it, scaled; object_pose (n, 3) m: where the object's centre is meant to be.
-    sides: of the arms.
+    recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of each arm at the
+    same ticks; acceleration (arms, n, 7): of the pads along x, y and z m/s^2, about them and of the posture's joint
+    rad/s^2; force (arms, n, 3) N: what the pads are to exert; map: of the impact; velocities (arms, 3) m/s of the pads
+    after it, scaled; object_position (n, 3) m: where the object's centre is meant to be; sides: of the arms.
     """
 
     request: GrabPlan | PushPlan
@@ -91,10 +90,8 @@ def assemble(
     ante: Sequence[ArmPath], post: Sequence[ArmPath], timing: Timing, forces: Forces, rotations: Array,
     object_start: Array,
 ) -> PlannedMotion:  # fmt: skip
-    """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow.
-
-    rotations (arms, 3, 3): of the pads that the paths turn from; object_start (3,): where the object stands, m.
-    """
+    """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow. rotations (arms,
+    3, 3): of the pads that the paths turn from; object_start (3,): where the object stands, m."""
     control = cell_parameters(description).control
     period_s, posture_joint = control.period_s, control.posture_joint
     motion = Motion.GRAB if isinstance(request, GrabPlan) else Motion.HIT_AND_PUSH

@@ -12,8 +12,7 @@ from rtstack.impact_map import ImpactMap, SceneError, impact_map
 from rtstack.impact_map.grab import grab_scene, joint_state
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.planning.fastest import feasible
-from rtstack.planning.feasibility import GRAVITY, check_place, object_named
+from rtstack.planning.feasibility import GRAVITY, check_place, feasible, object_named
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import PlanError, PushPlan
@@ -97,10 +96,8 @@ def _push_impact(description: CellDescription, object_name: str, meeting: NDArra
 def _post_path(
     plan: PushPlan, approach: Approach, velocity: Array, dxi: float, inward: float, touch: float, gives: float
 ) -> tuple[ArmPath, float]:
-    """Return the pushing arm's path from the nominal impact on, and when it lets go of the object, s.
-
-    gives: how far the pad goes into its silicone to push the object over the table, m.
-    """
+    """Return the pushing arm's path from the nominal impact on, and when it lets go of the object, s. gives: how far
+    the pad goes into its silicone to push the object over the table, m."""
     (x, y, z), (vx, vy, vz) = approach.contact.tolist(), velocity.tolist()
     v = inward * vy
     slowing = plan.travel - v * plan.steady_s

@@ -1,11 +1,9 @@
 """The path of both pads in a log, and its time scaling, as references. In part compiled; no allocation in a tick.
 
 Place s(t) in the log, by the chain rule: velocity = s' along, acceleration = s'^2 bend + s'' along. The joints are
-least-squares splines of the fifth degree: measured ones have noise, and jumps in velocity at impacts.
-
-The rate ds/dt goes up from 0 to the speed and down again along cubics of RAMP_S, with zero acceleration at both ends;
-s is its integral in closed form. A requested stop brakes from the rate and acceleration of that moment, and never goes
-past the end: it begins before the last ramp, and needs less way than is left.
+least-squares splines of the fifth degree: measured ones have noise, and jumps in velocity at impacts. The rate ds/dt
+goes up from 0 to the speed and down again along cubics of RAMP_S; s is its integral in closed form. A requested stop
+brakes from the rate and acceleration of that moment, before the last ramp, and never goes past the end.
 """
 
 from collections.abc import Sequence

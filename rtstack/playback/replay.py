@@ -1,11 +1,9 @@
 """Process replay: give the states of a log to the present controller and judge, and compare the torques.
 
 Runs the session that made the log (rtstack.trials.run) on a cell that returns the logged states. Its output differs
-from the logged one if the law, a number or a rounding has changed. After the first difference the states no longer
-belong to the replayed torques.
-
-On the simulated robot of a profile, such as a twin's, the loop is closed: the same session, with the same reference or
-the logged setpoints of arms that were led by hand, and the twin answers its torques.
+from the logged one if the law, a number or a rounding has changed; from then on the states no longer belong to it. On
+the simulated robot of a profile, such as a twin's, the loop is closed: the twin answers the torques of the same
+session, with the same reference or the logged setpoints of arms that were led by hand.
 """
 
 from collections.abc import Callable, Sequence

@@ -70,11 +70,9 @@ def scripted_targets(
     script: Grab, models: tuple[ArmModel, ArmModel], homes: Array, thing: ObjectDescription, table: Table,
     period_s: float,
 ) -> NDArray:  # fmt: skip
-    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad.
-
-    On the way the pads turn until their faces are parallel to the object's sides in the world: a pad that meets a side
-    at an angle of some degrees turns the object, in another way in each trial.
-    """
+    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad. On
+    the way the pads' faces turn parallel to the object's sides: one that meets a side at an angle of some degrees turns
+    the object, in another way in each trial."""
     from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
 
     n = round(duration_s(script) / period_s)
@@ -122,9 +120,8 @@ def scripted_targets(
 
 
 def turn_to_object(rotation: Array, inward: float) -> Array:
-    """Return by what a pad of this rotation (3, 3) has to turn for its face, its z, to look along the world's y
-    (inward 1) or against it (-1): the shortest such rotation vector (3,) along the world's axes, rad. Zero where it
-    does to within FLAT_RAD."""
+    """Return the shortest rotation vector (3,) along the world's axes, rad, by which a pad of this rotation (3, 3) has
+    to turn for its face, its z, to look along the world's y (inward 1) or against it (-1); zero within FLAT_RAD."""
     towards = np.array([0.0, inward, 0.0])
     axis = np.cross(rotation[:, 2], towards)
     sine = float(np.linalg.norm(axis))

@@ -1,8 +1,7 @@
 """The impact that a reference aims at, as the monitor wants it: when, in which configuration, and what is to follow.
 
 From a demonstration: joints at the nominal impact, joint velocities as the post-impact reference of (14), extended like
-(16) to the time before T_p, and the force of both pads: the weight and inertia of the object. From a plan: the planned
-joints, velocities (after the impact map) and forces.
+(16) to the time before T_p, and the force of both pads. From a plan: planned joints, velocities and forces.
 """
 
 import numpy as np
@@ -21,9 +20,7 @@ def demonstrated_impact(
     q: Array, dq: Array, force: Array, impact: int, release: int, excluded: int, period_s: float
 ) -> ExpectedImpact:
     """Return the impact of a demonstration: q, dq (2, n, 7), force (2, n, 3) ON the pads, N, along the world's axes.
-
-    impact, release: indices of T_r and of the release; excluded: Delta T_r in ticks, around T_r.
-    """
+    impact, release: indices of T_r and of the release; excluded: Delta T_r in ticks, around T_r."""
     half = round(SMOOTHING_S / period_s)
     smooth = np.stack([_smooth(values, half) for values in dq])
     post = smooth.copy()

@@ -40,10 +40,8 @@ def carried(
     stands: Displacement, wanted: Displacement, pad_friction: float, stiffness_n_m: float, period_s: float,
 ) -> NDArray:  # fmt: skip
     """Return target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad and end there.
-
     stands, wanted: of the object, from its nominal place. stiffness_n_m: of a pad, towards the object. Raises
-    ValueError where a joint would come nearer than ROOM_RAD to its limit.
-    """
+    ValueError where a joint would come nearer than ROOM_RAD to its limit."""
     from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
 
     poses = [end_effector_pose(model, q) for model, q in zip(models, homes, strict=True)]
@@ -105,10 +103,8 @@ def _place(grip: _Grip, side: float) -> Array:
 
 
 def _nearest_limit(model: ArmModel, home: Array, position: Array, rotation: Array) -> tuple[int, float]:
-    """Return which joint comes nearest to a limit, and how near, rad, on a straight way of the pad's face from home.
-
-    position (3,) m, rotation (3, 3): where it ends. Joint 1, the posture, stays at home. Newton's method.
-    """
+    """Return which joint comes nearest to a limit, and how near, rad, on a straight way of the pad's face from home to
+    position (3,) m, rotation (3, 3). Joint 1, the posture, stays at home. Newton's method."""
     from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
 
     limits, (start, R_start) = model.robot.limits, end_effector_pose(model, home)

@@ -1,8 +1,6 @@
-"""A planned motion as a file: a log of the arms' planned states, with /control in the modes of the plan.
-
-A trial reads each arm's control topic (mode, pose_ref, twist_ref, wrench_ff, beta), its posture joint and the metadata
-record `plan`; the monitor reads q, dq and O_F_ext_hat_K.
-"""
+"""A planned motion as a file: a log of the arms' planned states, with /control in the modes of the plan. A trial reads
+each arm's control topic (mode, pose_ref, twist_ref, wrench_ff, beta), its posture joint and the metadata record `plan`;
+the monitor reads q, dq and O_F_ext_hat_K."""
 
 import json
 

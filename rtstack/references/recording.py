@@ -131,10 +131,8 @@ class Recording:
         return self.impact * self.period_s
 
     def expected_impact(self, excluded: int) -> ExpectedImpact | None:
-        """Return what the monitor is to expect; excluded: ticks after T_r in which velocities are no reference.
-
-        None for a push: the monitor judges what both arms do to one object.
-        """
+        """Return what the monitor is to expect, None for a push: it judges what both arms do to one object. excluded:
+        ticks after T_r in which velocities are no reference."""
         if self.measured is None or self.motion is not Motion.GRAB:
             return None
         m = self.measured

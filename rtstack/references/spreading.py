@@ -52,10 +52,9 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
     """Return the references of which the ante-impact one is extended from tick a on, the post-impact one before p.
 
     A load that is known is in both from the nominal impact on: the interim mode need not blend it in, as in (23) of the
-    impact-map paper, and an object that has just been met is carried at once. Before it only what is pushed is a load,
-    from the moment at which its one pad meets it. What is grabbed rises when the second pad meets it, and where it is
-    out of its place that one is as late as the first is early: carried from the first on, a box of 2.2 kg 1 mm out of
-    its place had left the impact 2 % faster than it did in its place.
+    impact-map paper. Before it only what is pushed is a load, from the moment at which its one pad meets it. What is
+    grabbed rises when the second pad meets it, and where it is out of its place that one is as late as the first is
+    early: carried from the first on, a box of 2.2 kg 1 mm out of its place had left the impact 2 % faster than in it.
     """
     n = recording.points.shape[1]
     ante, post = recording.points.copy(), recording.points.copy()
@@ -75,10 +74,8 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
 
 def _hold_velocity(points: NDArray, pivot: int, indices: NDArray, period_s: float) -> None:
     """Replace points[indices]: feedforward and velocities held at the pivot (16), poses integrated from it (17)-(20).
-
     (20) is used with (t - T_p): the printed sign turns the wrong way. The angular velocity is along the inertial axes,
-    so its rotation multiplies from the left.
-    """
+    so its rotation multiplies from the left."""
     held = points[pivot].copy()
     points[indices] = held
     elapsed = (indices - pivot) * period_s

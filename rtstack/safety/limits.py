@@ -60,10 +60,8 @@ REFLEX_SHARE = 1.3  # of the judge's bound: the robot's threshold, so that the j
 
 class ForcePhase(IntEnum):
     """What the pads are about to do, and with that how hard they may push: a row of SafetyLimits.tau_ext_by_phase.
-
     IMPACT: what follows the impact of a trial. CONTACT: contact on purpose: motion by hand, demonstrations, a load that
-    is put down, a trial that awaits its impact. APPROACH: nothing is to be met.
-    """
+    is put down, a trial that awaits its impact. APPROACH: nothing is to be met."""
 
     IMPACT = 0
     CONTACT = 1
@@ -253,10 +251,8 @@ def control_limits(limits: SafetyLimits, period_s: float = CONTROL_PERIOD_S) -> 
 
 
 def within_own(limits: SafetyLimits, own: OwnLimits) -> tuple[SafetyLimits, tuple[str, ...]]:
-    """Return limits inside those that a robot says it has, the judge's margins inside, and in words what differs.
-
-    Named is what differs from the model's description, in both directions: the tighter one holds.
-    """
+    """Return limits inside those that a robot says it has, the judge's margins inside, the tighter one of each; and in
+    words what differs from the model's description, in both directions."""
     described = limits.arm
     differs = []
     for name, unit in (

@@ -1,7 +1,6 @@
 """Carries out a run: open the cell, start motion, log, run. The only place that does it, whatever asks for the run.
 
-A kind of run is a subclass of PreparedRun in a module of its own, and says there what differs. Where it runs, a command
-at a terminal, the robot process or a campaign's worker, is a Host.
+A kind of run is a subclass of PreparedRun. Where it runs (terminal, robot process, campaign's worker) is a Host.
 """
 
 import time
@@ -33,10 +32,8 @@ _LOOK_S = 0.02
 @dataclass(frozen=True, slots=True)
 class PreparedRun(Generic[R]):
     """A run whose specification was read and checked; no cell and no log is open yet. Base of all kinds of run.
-
     keeps_open_cell: it runs on the cell as it is, with what the pads hold. led: a person leads the arms, whose geometry
-    need not have been measured. watched: the tracker has to be readable.
-    """
+    need not have been measured. watched: the tracker has to be readable."""
 
     keeps_open_cell: ClassVar[bool] = False
     watched: ClassVar[bool] = True
@@ -65,15 +62,14 @@ class PreparedRun(Generic[R]):
         return self.description.refusal(self.specification)
 
     def look(self, cell: Cell) -> str:
-        """Return in one line what is to be known of the open cell before it runs, "" for nothing: what the arms feel at
-        rest. Raises TrialError."""
+        """Return in one line what is to be known of the open cell before it runs, "" for nothing. Raises TrialError."""
         if self.led or self.keeps_open_cell:  # a hand may be on an arm, and the pads hold something
             return ""
         return check_estimate(cell, self.description, DetectorParameters(), detects=False)
 
     def start_motion(self, cell: Cell) -> StartMotion | None:
-        """Return the motion to where the run begins, by default to home; None where the arms begin anywhere, on the
-        cell as it is, or led by a person. Raises TrialError, HardwareError."""
+        """Return the motion to where the run begins, by default to home; None where the arms begin anywhere. Raises
+        TrialError, HardwareError."""
         if self.keeps_open_cell or self.led:
             return None
         return start_motion(cell, self.description, self.specification.object, self.displacement)

@@ -1,7 +1,5 @@
-"""What the robots estimate as force while nothing touches the pads: the offset that a detector has to cope with.
-
-On metal it reads 2 N without a tool, changes with the pose, and grows by 9.8 N with each kg that the payload is off.
-"""
+"""What the robots estimate as force while nothing touches the pads: the offset that a detector has to cope with. On
+metal it reads 2 N without a tool, changes with the pose, and grows by 9.8 N with each kg that the payload is off."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +20,8 @@ REST_SHARE = 0.75
 
 
 def resting_force(cell: Cell, description: CellDescription, looks: int = LOOKS) -> NDArray[np.float64]:
-    """Return the mean force (arms, 3) of each pad on their surroundings along the world's axes, N, over so many states.
-    Raises HardwareError."""
+    """Return the mean force (arms, 3) of each pad on its surroundings, N, world axes, over so many states.
+    HardwareError."""
     forces = np.zeros((len(cell.arms), 3))
     for _ in range(looks):
         for side, arm in enumerate(cell.arms):
@@ -46,8 +44,8 @@ def torque_offset(state: ArmState, model: ArmModel) -> tuple[NDArray[np.float64]
 
 
 def check_torques(cell: Cell, description: CellDescription) -> None:
-    """Raise TrialError for an arm at rest whose torques the judge would stop in the first tick. HardwareError from the
-    arms."""
+    """Raise TrialError for an arm at rest whose torques the judge would stop in the first tick. Raises
+    HardwareError."""
     arms = zip(cell.sides, cell.arms, description.arms, description.pads, limits_of_arms(description), strict=True)
     for side, arm, mounting, pad, limits in arms:
         off, said = torque_offset(arm.read(), ArmModel(mounting, pad))
@@ -62,12 +60,11 @@ def check_torques(cell: Cell, description: CellDescription) -> None:
 
 
 def check_estimate(cell: Cell, description: CellDescription, detector: DetectorParameters, detects: bool = True) -> str:
-    """Look at the arms of an open cell, at rest, before a motion: return in one line what is to be known, "" for
+    """Look at the arms of an open cell at rest, before a motion; return in one line what is to be known, "" for
     nothing.
 
-    The plant in this process begins with its first tick, and is not asked. detects: an impact is to be detected.
-    Raises TrialError where it cannot be, and for an arm that feels too much: with a payload that the robot was not told
-    of it sinks as soon as its torque is ours. HardwareError from the arms.
+    The plant in this process begins with its first tick, and is not asked. detects: an impact is to be detected. Raises
+    TrialError where it cannot be, or where an arm feels so much that it would sink under our torque; HardwareError.
     """
     if cell.link is None:
         return ""

@@ -1,7 +1,4 @@
-"""What a recording gives: the impact that was found in it, and the references that are made of it, as in Figure 5.
-
-What a demonstration is worth as a reference: what was good and bad about its impact, to demonstrate better.
-"""
+"""What a recording gives: its impact, what was good and bad about it, and the references made of it, as in Figure 5."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -133,10 +130,8 @@ class Extraction:
 def extract(
     path: Path, description: CellDescription, acceptance: Acceptance, progress: Callable[[float], None] | None = None
 ) -> Extraction:
-    """Make the references of a recording, with what was said about it. ReferenceError: it is none at all.
-
-    progress: is told the share that is done. Raises TrialError in a cell with one arm.
-    """
+    """Make the references of a recording, with what was said about it. ReferenceError: it is none at all. TrialError:
+    the cell has one arm. progress: called with the share that is done."""
     check_two_arms(description, "a reference")
     parameters = cell_parameters(description)
     control, sides = parameters.control, description.sides

@@ -30,11 +30,9 @@ class Followed:
 
 
 def followed_file(log: Log, name: str) -> tuple[str, bytes]:
-    """Return digest and content of the file that a trial's log has followed. name: as its specification has it.
-
-    It is attached, at the path that the log says, beside the log, or in a campaign's folder. Raises TrialError with one
-    line where it is nowhere, or has changed since.
-    """
+    """Return digest and content of the file that a trial's log has followed: attached, at the path that the log says,
+    beside the log, or in a campaign's folder. name: as its specification has it. Raises TrialError with one line where
+    it is nowhere, or has changed."""
     if (attached := log.attachment(ATTACHED)) is not None:
         return _digest(attached), attached
     record = log.metadata.get(REFERENCE, {})

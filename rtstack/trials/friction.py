@@ -21,10 +21,8 @@ Positives = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegativ
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmFriction:
-    """One arm's, joints 1 to 7: p1 Nm, p2 s/rad, p3 rad/s, gravity_share as in FrictionParameters.
-
-    rms_nm: what the fit left of the feedback's torque in each tick, Nm; for people.
-    """
+    """One arm's, joints 1 to 7: p1 Nm, p2 s/rad, p3 rad/s, gravity_share as in FrictionParameters. rms_nm: what the fit
+    left of the feedback's torque in each tick, Nm; for people."""
 
     p1: Positives
     p2: Positives

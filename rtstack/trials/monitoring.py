@@ -1,9 +1,5 @@
-"""The monitor's tunings, one an object, in a folder of the user's or the package's: what is a good grab of one is none
-of another.
-
-A plan has a tuning of its own, which is in its file: what runs of it deviate from is what was planned, not what was
-felt in a demonstration.
-"""
+"""The monitor's tunings, one an object, in a folder of the user's or the package's. A plan's own tuning is in its file:
+runs of it deviate from what was planned, not from what was felt in a demonstration."""
 
 import tomllib
 from collections.abc import Mapping

@@ -26,9 +26,7 @@ class MotionResult(Result):
 @dataclass(frozen=True, slots=True)
 class PreparedMotion(PreparedRun[MotionResult]):
     """Both arms follow a plan that meets nothing: the object is out of their way. noise: seed of the cell's noise.
-
-    overwrite: a log of the same name that was broken off.
-    """
+    overwrite: a log of the same name that was broken off."""
 
     plan: SessionPlan
     parameters: Parameters
@@ -55,10 +53,8 @@ def run_motion(
     plan: SessionPlan, description: CellDescription, parameters: Parameters, cell: Cell,
     context: RunContext = NO_CONTEXT, *, way: StartMotion | None = None,
 ) -> tuple[str | None, Columns]:  # fmt: skip
-    """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell.
-
-    Returns why it failed, None for a success, and the samples.
-    """
+    """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell. Returns why it failed, None for
+    a success, and the samples."""
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         outcome = run.follow(cell)
         reason = outcome.problem

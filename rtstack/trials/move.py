@@ -107,11 +107,8 @@ class PreparedGuide(PreparedRun[GuideResult]):
     specification: GuideSpecification
 
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None = None) -> GuideResult:
-        """See PreparedRun: until a watchdog or the stop of the context ends it, or its seconds are over.
-
-        Raises TrialError with one line where an arm stands at the robot's own limit; HardwareError, RecoveryRefused
-        from the arms.
-        """
+        """See PreparedRun: until a watchdog, the stop of the context or its seconds end it. Raises TrialError where an
+        arm stands at the robot's own limit; HardwareError, RecoveryRefused from the arms."""
         description = self.description
         limits = limits_of_arms(description)
         for arm in cell.arms:
@@ -176,11 +173,8 @@ def where_arms_stand(description: CellDescription, cell: Cell) -> Standing:
 
 
 def settle_load(description: CellDescription, object_name: str, context: RunContext, cell: Cell, end: End) -> str:
-    """Do what the cell's file says after a run that ended so, with both arms at rest; return it in one line, "" where
-    nothing was done. Never raises for what a robot does.
-
-    The motion has the run's stop and watchdogs, and no log of its own: the run's log has the line.
-    """
+    """Do what the cell's file says after a run that ended so, arms at rest; return it in one line, "" where nothing was
+    done. Never raises for what a robot does. The motion has the run's stop and watchdogs, and no log of its own."""
     motion = _MOTIONS.get(description.load_after_stop)
     if motion is None or end in HELD_AFTER:
         return ""

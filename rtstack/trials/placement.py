@@ -100,10 +100,8 @@ def _check_box(targets: NDArray[np.void], limits: PairLimits) -> None:
 def place(
     prepared: PreparedPlacement, attempts: int, carry: Callable[[PreparedPlacement], PlacementResult]
 ) -> PlacementResult:
-    """Place an object in so many attempts at most, each aimed by what those before fell short; return the last result.
-
-    carry: carries out one attempt.
-    """
+    """Place an object in so many attempts at most, each carried out by `carry` and aimed by what those before fell
+    short; return the last result."""
     result = carry(prepared)
     for _ in range(attempts - 1):
         if result.success or not result.carried or result.short_x_mm is None:
@@ -147,10 +145,8 @@ def _age_s(cell: Cell, pose: ObjectPose) -> float:
 
 
 def object_stands(cell: Cell, description: CellDescription, name: str) -> Displacement:
-    """Return where the tracker sees the object stand, from its nominal place; its yaw is within half a turn.
-
-    Raises TrialError with one line where it is not seen now, or does not stand upright on the table; HardwareError.
-    """
+    """Return where the tracker sees the object stand, from its nominal place, its yaw within half a turn. Raises
+    TrialError with one line where it is not seen now, or does not stand upright on the table; HardwareError."""
     pose, thing = object_before(cell, description), description.objects[name]
     if not pose.record["seen"][0]:
         raise TrialError(f"the tracker does not see {name}: put it upright on the table, within the arms' reach")

@@ -42,11 +42,9 @@ _END_OF_HANGING_S = 2.0
 
 
 class RunLog:
-    """What keeps a run's samples and its result; by itself it keeps nothing, and cannot fail.
-
-    path: of the file. cameras: whose pictures go into it. evidence: of a fault, set before `close`, which writes it.
-    times: the pairs of TIMES (1,) that the run takes, see rtstack.log.time_of_day, None where nothing keeps them.
-    """
+    """What keeps a run's samples and its result; by itself it keeps nothing, and cannot fail. path: of the file.
+    cameras: whose pictures go into it. evidence: of a fault, set before `close`, which writes it. times: the pairs of
+    TIMES (1,) that the run takes, see rtstack.log.time_of_day, None where nothing keeps them."""
 
     times: NDArray[np.void] | None = None
 
@@ -95,10 +93,8 @@ class RunSamples(RunLog):
 
 
 class TrialLog(RunLog):
-    """A log that another process writes meanwhile.
-
-    lockstep: the robot waits for its answer, so that the run may wait for the log.
-    """
+    """A log that another process writes meanwhile. lockstep: the robot waits for its answer, so that the run may wait
+    for the log."""
 
     def __init__(
         self, path: Path, rings: Rings, process: LogProcess, lockstep: bool, cameras: Cameras | None = None
@@ -121,8 +117,7 @@ class TrialLog(RunLog):
                 raise LogError(raised)
 
     def trip(self) -> WatchdogTrip | None:
-        """See RunLog: the log process has said that it failed, or `wait_for_room` has found that it is gone, or that
-        the program of a camera has raised."""
+        """See RunLog: the log process has failed or is gone, or the program of a camera has raised."""
         if self._raised:
             return WatchdogTrip(End.CONTROLLER_EXCEPTION, self._raised)
         if not self._trouble and self.rings.state is LogState.FAILED:
@@ -178,11 +173,9 @@ class TrialLog(RunLog):
 
 
 class WholeRunLog(RunSamples):
-    """The log of a run whose history is kept: the file of any trial, written by `close` once the arms are at rest.
-
-    A lockstep run has no deadline, so that neither rings nor the log process, whose start costs half a trial, are
-    needed. The file gets its name when it is complete: a worker that is killed leaves no half log under a trial's id.
-    """
+    """The log of a run whose history is kept: the file of any trial, written by `close` once the arms are at rest. A
+    lockstep run has no deadline, and needs neither rings nor the log process, whose start costs half a trial. The file
+    gets its name when it is complete: a worker that is killed leaves no half log under a trial's id."""
 
     def __init__(
         self, path: Path, metadata: dict[str, dict[str, str]], attachments: list[Attachment], frames: CellFrames
@@ -287,9 +280,7 @@ def trial_metadata(
     law_inertia: LawInertia = LawInertia.LINKS_AND_MOTORS,
 ) -> dict[str, str]:
     """Return the metadata record `trial`: nested values are JSON. timed: with what the loop gets of the host.
-
-    law_inertia: of the cell's controller; it is put into a specification that names none.
-    """
+    law_inertia: of the cell's controller; it is put into a specification that names none."""
     if isinstance(specification, TrialSpecification | DemonstrationSpecification):
         law_inertia = specification.law_inertia or law_inertia
         specification = replace(specification, law_inertia=law_inertia)
@@ -316,8 +307,8 @@ def trial_metadata(
 
 
 def cell_attachments(cell_file: Path, description: CellDescription) -> list[Attachment]:
-    """Return the cell's file and its arms' URDFs as every log has them: MODEL.urdf, or SIDE_MODEL.urdf where they
-    differ. Raises OSError."""
+    """Return the cell's file and its arms' URDFs as every log has them: MODEL.urdf, or SIDE_MODEL.urdf. Raises
+    OSError."""
     robots = description.robots
     models = {robots[0].name: robots[0]}
     if any(robot is not robots[0] for robot in robots):

@@ -59,10 +59,8 @@ ARRIVED_RAD = 0.02  # friction leaves less than 0.005
 
 def evidence_of(fault: Fault, columns: Columns, solver: QpSolver) -> Evidence:
     """Return what the log keeps of a fault. columns: what the run has published, whatever the rings have lost of it.
-
     last_second.npz: arm and control (2, n), timing (n,) and object (m,), records of rtstack.samples, and t_ns, the
-    fault's. qp.npz: min 1/2 x^T H x + g^T x, lower <= x <= upper, tau_lower <= M x <= tau_upper, x (7,) rad/s^2.
-    """
+    fault's. qp.npz: min 1/2 x^T H x + g^T x, lower <= x <= upper, tau_lower <= M x <= tau_upper, x (7,) rad/s^2."""
     attachments = [Attachment("last_second.npz", _NPZ, _last_second(fault.t_ns, columns))]
     if fault.qp is not None:
         attachments.append(Attachment("qp.npz", _NPZ, _qp(fault.qp, solver)))
@@ -113,13 +111,9 @@ def _npz(**arrays: Any) -> bytes:
 
 
 class Run:
-    """What a trial, a demonstration, a playback and a teleoperation have in common.
-
-    Left by an exception, it finishes its log without a result.
-
-    share: how much of a run is over whose plan is written as it goes, None where not known. between: called between two
-    ticks with the number of the last one, before what is said is passed on.
-    """
+    """What all kinds of run have in common. Left by an exception, it finishes its log without a result. share: how much
+    of a run is over whose plan is written as it goes, None where not known. between: called between two ticks with the
+    number of the last one, before what is said is passed on."""
 
     share: Callable[[], float] | None = None
     between: Callable[[int], None] | None = None
@@ -180,10 +174,8 @@ class Run:
         self, cell: Cell, factory: ControllerFactory = _PROPOSED, nominal_impact_s: float = 0.0,
         watched: Watched | None = None, settle: Callable[[Cell, End], str] | None = None,
     ) -> SessionOutcome:  # fmt: skip
-        """Follow the plan on the cell to its end, by default with the proposed strategy, no impact meant.
-
-        settle: does something about a load that is still held, and says what in one line.
-        """
+        """Follow the plan on the cell to its end, by default with the proposed strategy, no impact meant. settle: does
+        something about a load that is still held, and says what in one line."""
         self._cell, self._limits = cell.name, limits_of_cell(self._limits, cell)
         controller = cell_controller(
             self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
@@ -236,7 +228,7 @@ class Run:
 
     def _make_ready(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
         """Go the way to the start, and tell the robots what forces the session may come to; return the outcome of a run
-        that ended before it, None where the arms are ready."""
+        that ended before it."""
         if cell.link is None:
             return None
         outcome = None
@@ -255,8 +247,8 @@ class Run:
         return replace(outcome, detail=detail, start_t_ns=0)
 
     def _go_to_start(self, cell: Cell, way: StartMotion, publisher: Publisher) -> SessionOutcome | None:
-        """Follow the way to the start under torque, with the judges, as any motion. The log has its samples as an
-        attachment: its topics begin with the run. Return the outcome where the arms have not arrived."""
+        """Follow the way to the start under torque, judged as any motion; return the outcome where the arms have not
+        arrived. The log has its samples as an attachment: its topics begin with the run."""
         description, log = self._description, self._log
         limits, parameters = limits_of_cell(limits_of_arms(description), cell), cell_parameters(description)
         now = np.stack([arm.read().q.copy() for arm in cell.arms])

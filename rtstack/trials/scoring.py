@@ -1,7 +1,4 @@
-"""A result from the samples of a trial: the same function on the memory of a run and on a log that was read back.
-
-Beside it, where pads are and which forces they feel in the world.
-"""
+"""A result from the samples of a trial: the same function on the memory of a run and on a log that was read back."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -85,11 +82,9 @@ def score(
     detected_impact_s: float | None, criterion: SuccessCriterion, motion: Motion = Motion.GRAB,
     urdfs: Sequence[str] = (FR3.urdf, FR3.urdf), bases: Bases | None = None, unobserved: bool = False,
 ) -> Score:  # fmt: skip
-    """Score a trial that began at the robot's time start_t_ns. urdfs: of each arm.
-
-    bases: where they stand; None: not known, they are taken for upright. unobserved: the cell has no tracker, what the
-    object did is told from the pads, where it is known how these stand to each other.
-    """
+    """Score a trial that began at the robot's time start_t_ns. urdfs: of each arm. bases: where they stand; None: not
+    known, taken for upright. unobserved: the cell has no tracker; where the bases are known the pads tell what the
+    object did."""
     ratings = np.stack([_ratings(urdf) for urdf in urdfs])
     t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
     wrench = columns.control["wrench_desired"]  # (2, n, 6)
@@ -143,8 +138,7 @@ def _lift(poses: NDArray) -> Array:
 
 
 def _risen(pads: Array, t_s: Array, impact_s: float) -> Array:
-    """How far the pads (2, n, 3) are above where they were at the impact, m: so that where the bases stand drops
-    out."""
+    """How far the pads (2, n, 3) are above where they were at the impact, m: where the bases stand drops out."""
     pad_z = pads[:, :, 2].mean(axis=0)
     return pad_z - pad_z[_tick(t_s, impact_s)]
 

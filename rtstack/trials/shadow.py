@@ -16,8 +16,7 @@ _WAITED_S, _LONGEST_S = 3e-4, 0.5
 
 
 class _ShadowArm:
-    """An arm that its robot or a person holds. Its states show the torque that would have been sent as tau_J_d: the
-    loop goes on from it, as from a torque that was taken."""
+    """An arm that its robot or a person holds. Its states show as tau_J_d the torque that would have been sent."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm, self._state, self._tau = arm, ArmState.empty(), np.zeros(7)
@@ -67,10 +66,8 @@ class _ShadowLink:
 
 
 def shadow_of(cell: Cell) -> Cell:
-    """Return the open cell with arms that are never commanded. The caller closes the cell itself.
-
-    Raises TrialError for arms that show no new state without an answer.
-    """
+    """Return the open cell with arms that are never commanded; the caller closes the cell itself. Raises TrialError for
+    arms that show no new state without an answer."""
     if cell.waits:
         raise TrialError(
             f"a shadow needs arms that do not wait for answers: {cell.name} does; take direct, or realtime"

@@ -41,11 +41,9 @@ def _looks(cell: Cell) -> Iterator[ObjectPose]:
 
 
 def object_before(cell: Cell, description: CellDescription) -> ObjectPose:
-    """Return where the tracker sees the object, `seen` 0 where it does not, before the loop of an open cell runs.
-
-    A tracker's times mean something once the arms' states have told the robot's time: they are read meanwhile, for
-    LONGEST_LOOK_S at most. Raises HardwareError from the arms.
-    """
+    """Return where the tracker sees the object, `seen` 0 where it does not, before the loop of an open cell runs. The
+    arms' states, without which a tracker's times mean nothing, are read meanwhile, for LONGEST_LOOK_S at most. Raises
+    HardwareError."""
     pose = cell.tracker.latest()
     if cell.own_clocks and description.tracker.kind != NO_TRACKER and not pose.record["seen"][0]:
         for pose in _looks(cell):
@@ -55,10 +53,8 @@ def object_before(cell: Cell, description: CellDescription) -> ObjectPose:
 
 
 def trouble_of(cell: Cell, description: CellDescription, object_name: str) -> str:
-    """Return in one line why the tracker cannot be read, or shows nothing new of the object; "" where it can.
-
-    object_name: "" for a run that is about none: then only what can be told without the object. Raises HardwareError.
-    """
+    """Return in one line why the tracker cannot be read, or shows nothing new of the object, "" where it can.
+    object_name: "" for a run about none: only what can be told without it. Raises HardwareError."""
     tracker = description.tracker
     if tracker.kind == NO_TRACKER or not cell.own_clocks:
         return ""

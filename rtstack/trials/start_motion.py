@@ -1,7 +1,7 @@
 """The way of both arms to where a trial begins: whether one is needed, and whether it may be gone.
 
-Only what a cell description knows is looked at: the pads must stay clear of table, floor, object and each other, the
-links of the table and of the other arm. The arms follow the way under torque, with the judge (rtstack.trials.run).
+What a cell description knows is looked at: pads stay clear of table, floor, object and each other, links of the table
+and the other arm. The arms follow the way under torque, with the judge (rtstack.trials.run).
 """
 
 from collections.abc import Sequence
@@ -53,8 +53,8 @@ _STEEPEST, _MOST_CURVED = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 
 @dataclass(frozen=True, slots=True)
 class JointPath:
-    """A way in joint space for all arms together: straight, from rest to rest, and they arrive at the same time. start,
-    goal (arms, 7): rad."""
+    """A way in joint space for all arms, straight, from rest to rest, arriving at the same time. start, goal (arms, 7):
+    rad."""
 
     start: Array
     goal: Array
@@ -150,11 +150,8 @@ def start_motion(
     displacement: Displacement | float = 0.0, start: NDArray[np.void] | None = None,
 ) -> StartMotion | None:  # fmt: skip
     """Return the way of an open cell's arms to the points start (arms,) of POINT, by default to the description's home.
-
-    None where they are there already, or begin there anyway (the plant in this process). Raises TrialError with one
-    line where the way must not be gone, or where the tracker sees the object elsewhere than where it was put;
-    HardwareError from the arms.
-    """
+    None where they are there already, or begin there anyway (the plant in this process). Raises TrialError where the
+    way must not be gone, or the tracker sees the object elsewhere than where it was put; HardwareError."""
     if cell.link is None:
         return None
     limits = description.start_motion
@@ -196,10 +193,8 @@ def start_motion(
 
 
 def posture(arm: ArmController, near: Array, point: np.void, side: str) -> Array:
-    """Return the joint positions (7,), rad, near `near` with the pose and the posture xi of a point (Newton's method).
-
-    Raises TrialError where there are none.
-    """
+    """Return the joint positions (7,), rad, near `near` with the pose and the posture xi of a point, by Newton's
+    method. Raises TrialError where there are none."""
     joint = arm.parameters.posture_joint
     q, local, error, jacobian = near.copy(), np.zeros(3), np.zeros(7), np.zeros((7, 7))
     jacobian[6, joint] = 1.0
@@ -240,8 +235,7 @@ def led_in(limits: PairLimits, description: CellDescription, q: Array) -> PairLi
 def _look_along(
     path: JointPath, arms: Sequence[ArmController], description: CellDescription, thing: Array | None
 ) -> None:
-    """Raise TrialError where a pad or a link would come too near to something; one that begins so has to get clear of
-    it."""
+    """Raise TrialError where a pad or a link would come too near to something, or does not get clear of it."""
     least: dict[tuple[str, str], float] = {}
 
     def look(what: str, to: str, gap: float, clear: float, within: float = -DIP_M) -> None:

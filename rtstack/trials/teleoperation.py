@@ -1,7 +1,7 @@
 """Runs a teleoperation on a cell: the session of a demonstration, led by an operator instead of a script.
 
-A policy may lead too. In a cell that waits it is asked in the same process, between two ticks, while the cell's time
-stands still, so that a run is the same on any machine. A policy that raises is not asked again: it ends as a quiet one.
+A policy may lead too. In a cell that waits it is asked between two ticks, while the cell's time stands still: a run is
+the same on any machine. A policy that raises is not asked again: it ends as a quiet one.
 """
 
 import os
@@ -49,10 +49,8 @@ LEASE = 1  # of the one policy of a run
 
 class PolicyHost:
     """Asks a policy `rate_hz` times a second of the robot's time, for `longest_s` at most, and gives it a lease.
-
     mailbox, job: where the answers go. delay_s: until an answer arrives, by the robot's time. speed_m_s: of the command
-    at most, after the filter.
-    """
+    at most, after the filter."""
 
     def __init__(
         self, policy: Policy, mailbox: Mailbox, job: int, rate_hz: float = 20.0, longest_s: float = 60.0,
@@ -241,9 +239,7 @@ def run_policy(
     context: RunContext = NO_CONTEXT, *, rate_hz: float = RATE_HZ, longest_s: float = LONGEST_S, delay_s: float = 0.0,
 ) -> TeleoperationResult:  # fmt: skip
     """Let a policy lead the arms of an open cell until it has finished; see PolicyHost. Closes the log, not the cell.
-
-    Raises TrialError for a cell that does not wait: there `rtstack policy --console` lets a policy lead.
-    """
+    Raises TrialError for a cell that does not wait: there `rtstack policy --console` lets a policy lead."""
     if cell.own_clocks:
         raise TrialError(f"the cell {cell.name} does not wait for a policy: start rtstack up, and give --console")
     with closing(Mailbox.create(f"rtstack-policy-{os.getpid()}-{next(_NUMBERS)}")) as mailbox:

@@ -1,6 +1,5 @@
-"""The judge's limits of one trial: the hardware's, tightened by the cell, tightened by the trial, and never widened.
-
-What a cell says nothing of are the forces of the phases without an impact: those of FORCES_BY_PHASE.
+"""The judge's limits of one trial: the hardware's, tightened by the cell, tightened by the trial, and never widened;
+forces of the phases without an impact, where a cell says nothing of them, are FORCES_BY_PHASE.
 
 They come from files that are named when the program starts. No request that arrives over a socket has a field for them.
 """
@@ -28,8 +27,8 @@ class _File:
 
 
 def load_tightening(path: Path) -> Tightening:
-    """Read the table `[safety]` of a TOML, spelt as in a cell's. Raises ConfigurationError; the values are not checked
-    before `limits_of_arms`."""
+    """Read the table `[safety]` of a TOML, spelt as in a cell's; `limits_of_arms` checks it. Raises
+    ConfigurationError."""
     table = load_toml(path, _File).safety
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in sorted(table.items()))
 
@@ -54,8 +53,8 @@ def difference_of_limits(description: CellDescription, own: Sequence[OwnLimits] 
 
 
 def check_models(description: CellDescription, own: Sequence[OwnLimits] | None) -> None:
-    """Raise TrialError where a robot's joints move as those of another model than the cell's file has: in a range of
-    positions that the described one does not stay in, and that a registered model comes nearer to."""
+    """Raise TrialError where a robot's joints have a range that the described model leaves, and another one is nearer
+    to."""
     for side, model, one in zip(description.sides, description.robots, own or (), strict=False):
         stays = np.all(model.limits.q_lower >= one.q_lower) and np.all(model.limits.q_upper <= one.q_upper)
         if stays:

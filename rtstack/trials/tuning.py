@@ -42,8 +42,7 @@ HELD_OUT = 3  # every third demonstration is kept for the check
 
 @dataclass(frozen=True, slots=True)
 class GoodRun:
-    """A trial in which all was as meant. name: its log; columns from its first tick on; impact: what was expected;
-    bases: where the arms stood."""
+    """A trial in which all was as meant. name: its log; columns from its first tick on; bases: where the arms stood."""
 
     name: str
     columns: Columns

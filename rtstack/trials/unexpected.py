@@ -1,7 +1,6 @@
-"""Which unexpected: what it probably was, from what the monitor has found and what the arms then felt.
+"""Which unexpected: what it probably was, by what the monitor has found and what the arms felt before and after.
 
-Beyond the paper, which stops at expected or unexpected. Rules in the order in which they are asked; every number is
-one that a person can check in the log. Not for the tick: it looks at what came after the verdict as well.
+Beyond the paper, which stops at expected or unexpected. Every number of the rules can be checked in the log.
 """
 
 from enum import StrEnum
@@ -46,8 +45,7 @@ def classify(
     monitor: TrialMonitor, columns: Columns, bases: Bases, start_t_ns: int, way: Array, period_s: float
 ) -> Unexpected | None:
     """Return what an unexpected impact was, None where it was none. columns: the trial's samples from start_t_ns on;
-    way (2, n, 3): where the pads are to go in the world, m, one place each period.
-    """
+    way (2, n, 3): where the pads are to go in the world, m, one place each period."""
     if monitor.verdict is not Verdict.UNEXPECTED:
         return None
     return _Case(monitor, columns, bases, start_t_ns, way, period_s).kind()
