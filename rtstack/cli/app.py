@@ -147,9 +147,8 @@ def _explain(error: Exception) -> int:
     if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError | ExtensionError):
         return _say(str(error), BAD_INPUT)
     if isinstance(error, OSError) and error.errno in _HOST:
-        return _say(
-            f"{error.filename or 'a file'}: {error.strerror}: make room there, or choose another place", BAD_INPUT
-        )
+        what = f"{error.filename or 'a file'}: {error.strerror}"
+        return _say(f"{what}: make room there, or choose another place", BAD_INPUT)
     if os.environ.get("RTSTACK_TRACEBACK"):
         raise error
     return _say(f"internal error: {raised(error)}; set RTSTACK_TRACEBACK=1 to see where, and report it", FAILED)

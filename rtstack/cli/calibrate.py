@@ -3,7 +3,6 @@
 import datetime
 import json as json_module
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,10 +15,8 @@ from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
     from hal.cell import Cell
-    from rtstack.calibration.outcome import Outcome
     from rtstack.calibration.points import Point
     from rtstack.model.cell_description import CellDescription
-    from rtstack.trials.result import GuideResult
 
 commands = typer.Typer()
 LOOKS = 200  # states that a torque at rest is the mean of
@@ -41,21 +38,15 @@ def guide(
 
     host = Terminal.of(cell, profile, cell_file, "moving by hand", led=True)
     result = host.run(PreparedGuide(GuideSpecification(seconds), host.description))
+    pads = dict(zip(host.description.sides, result.pads, strict=True))
     if sign is not None and result.success:
-        pads = zip(host.description.sides, result.pads, strict=True)
-        host.sign("guide", sign, {f"{side} pad, m": str(list(pad)) for side, pad in pads}, result.log)
-    report(result, json, "\n".join(_lines(result, host.description.sides)))
-
-
-def _lines(result: "GuideResult", sides: Sequence[str]) -> list[str]:
+        host.sign("guide", sign, {f"{side} pad, m": str(list(pad)) for side, pad in pads.items()}, result.log)
     ended = "let go" if result.success else f"stopped: {result.failure_reason}"
-    inside = f"{'both arms are' if len(sides) == 2 else 'the arm is'} inside the cell's limits"
+    inside = f"{'both arms are' if len(pads) == 2 else 'the arm is'} inside the cell's limits"
     if result.beyond_after:
         inside = "still beyond a limit: the same command again leads on"
-    pads = [
-        f"{side} pad at x {x:.4f}, y {y:.4f}, z {z:.4f} m" for side, (x, y, z) in zip(sides, result.pads, strict=True)
-    ]
-    return [f"{ended} | {inside}", *result.beyond_after, *pads]
+    places = [f"{side} pad at x {x:.4f}, y {y:.4f}, z {z:.4f} m" for side, (x, y, z) in pads.items()]
+    report(result, json, "\n".join([f"{ended} | {inside}", *result.beyond_after, *places]))
 
 
 @commands.command()
@@ -109,6 +100,7 @@ def calibrate(
     from rtstack.calibration.points import write as write_cell_file
     from rtstack.cells import load_description
     from rtstack.cells.commissioning import sign as sign_step
+    from rtstack.cli.tables import print_table
 
     description, source = load_description(cell_file, cell or "")
     known = load_points(points)
@@ -130,7 +122,11 @@ def calibrate(
     if json:
         typer.echo(json_module.dumps(found.document()))
     else:
-        _print(found)
+        rows = [(name, f"{1e3 * away:.2f}", "") for name, away in found.fit.residuals.items()]
+        rows += [(name, f"{1e3 * away:.2f}", "WRONG: left out") for name, away in found.fit.wrong.items()]
+        print_table(("point", "off by, mm", ""), rows, "")
+        values = [f"{'.'.join(key)} = {value}" for key, value in found.values.items()]
+        typer.echo("\n".join([*values, *found.lines]))
     if found.refusal is not None:
         fail(found.refusal)
     if write:
@@ -184,22 +180,10 @@ def _taken() -> bool:
 
 def _looked_at(point: "Point", cell: "Cell") -> "Point":
     """Return the point as the arms stand now."""
-    q, tau = np.zeros((len(cell.arms), 7)), np.zeros((len(cell.arms), 7))
+    q, tau = np.zeros((2, len(cell.arms), 7))
     for _ in range(LOOKS):
         for side, arm in enumerate(cell.arms):
             state = arm.read()
             q[side] += state.q / LOOKS
             tau[side] += state.tau_ext_hat_filtered / LOOKS
     return point.taken(q, tau, cell.sides)
-
-
-def _print(found: "Outcome") -> None:
-    from rtstack.cli.tables import print_table
-
-    rows = [(name, f"{1e3 * away:.2f}", "") for name, away in found.fit.residuals.items()]
-    rows += [(name, f"{1e3 * away:.2f}", "WRONG: left out") for name, away in found.fit.wrong.items()]
-    print_table(("point", "off by, mm", ""), rows, "")
-    for key, value in found.values.items():
-        typer.echo(f"{'.'.join(key)} = {value}")
-    for line in found.lines:
-        typer.echo(line)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rtstack.experiments.cell.host import CellHost
     from rtstack.experiments.experiment import Experiment, Request
     from rtstack.experiments.report import Report
-    from rtstack.experiments.runner import Tally
 
 commands = typer.Typer()
 STACK = "stack"  # --cell: the arms are the running stack's
@@ -187,21 +186,16 @@ def _run(
     with distant_workers(scheduler) if scheduler else local_workers(workers) as client:
         done = invoke(experiment, client, host, lambda text: notify("waiting", text))
     gc.freeze()  # what is left is for the system: the interpreter's end would look at each object, 0.6 s of them
-    print(_pace(experiment, done.tally, done.at_once))
-    if done.report.summary:
-        print(done.report.summary)
-    notify("ended", f"{len(done.tally.failures)} could not be run. {done.report.summary} Report: {done.page}")
-    end(done.page, done.tally.failures, done.report)
-
-
-def _pace(experiment: "Experiment[Any, Any]", tally: "Tally", at_once: int) -> str:
-    unit = experiment.unit
-    if not tally.rows:
-        return f"no {unit.removesuffix('s')} was missing"
-    return (
-        f"{tally.rows} {unit}, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
+    tally, unit = done.tally, experiment.unit
+    pace = (
+        f"{tally.rows} {unit}, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {done.at_once} workers: "
         f"{tally.real_time_factor:.1f} x real time{', logs included' * experiment.logged}"
     )
+    print(pace if tally.rows else f"no {unit.removesuffix('s')} was missing")
+    if done.report.summary:
+        print(done.report.summary)
+    notify("ended", f"{len(tally.failures)} could not be run. {done.report.summary} Report: {done.page}")
+    end(done.page, tally.failures, done.report)
 
 
 def end(page: Path, failures: Mapping[str, str], report: "Report") -> None:

@@ -12,7 +12,6 @@ from rtstack.cli.options import CellFile, Json, Sign
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
-    from rtstack.cells.commissioning import StepState
     from rtstack.model.cell_description import CellDescription
 
 commands = typer.Typer()
@@ -35,6 +34,7 @@ def commission(
     from rtstack.cells import load_description
     from rtstack.cells.commissioning import Commissioning, states
     from rtstack.cells.commissioning import sign as sign_step
+    from rtstack.cli.tables import print_table
 
     description, file = load_description(cell_file)
     if description.simulated:
@@ -57,14 +57,8 @@ def commission(
         ]  # fmt: skip
         typer.echo(json_module.dumps({"steps": rows, "line": found.line}))
         return
-    _print(found.states, description.name, found.line)
-
-
-def _print(states: "tuple[StepState, ...]", name: str, line: str) -> None:
-    from rtstack.cli.tables import print_table
-
-    rows = []
-    for each in states:
+    rows, name, line = [], description.name, found.line
+    for each in found.states:
         signed = "" if each.signature is None else f"{each.signature.by}, {each.signature.at:%Y-%m-%d %H:%M} UTC"
         state = "signed" if each.done else f"open: changed {', '.join(each.changed)}" if each.changed else "open"
         rows.append((each.step.name, each.step.what, state, signed))
@@ -99,10 +93,8 @@ def _shown(step: str, path: Path, description: "CellDescription", file: Path) ->
         if step == "motion" and not moved >= MOVED_M:
             fail(f"not signed: the {side} pad moved {1e3 * moved:.0f} mm, and {1e3 * MOVED_M:.0f} mm are to be seen")
         if step == "foam" and not PRESSED_N[0] <= force <= PRESSED_N[1]:
-            fail(
-                f"not signed: the {side} pad pressed with {force:.0f} N at most, and "
-                f"{PRESSED_N[0]:.0f} to {PRESSED_N[1]:.0f} N are to be seen"
-            )
+            wanted = f"{PRESSED_N[0]:.0f} to {PRESSED_N[1]:.0f} N are to be seen"
+            fail(f"not signed: the {side} pad pressed with {force:.0f} N at most, and {wanted}")
     if step != "foam" and result.get("success") != "true":
         fail(f"not signed: the run was no success: {result.get('failure_reason', 'it has no result')}")
     if step == "object" and result.get("detected_impact_time_s", "null") == "null":

@@ -31,9 +31,8 @@ USER, PASSWORD = "RTSTACK_DESK_USER", "RTSTACK_DESK_PASSWORD"
 @desk.command("status")
 def status(left: LeftDesk = None, right: RightDesk = None, cell_file: CellFile = None, json: Json = False) -> None:
     """Say what both boxes say of themselves; it changes nothing."""
-    addresses, trust = _addresses(left, right, cell_file), Trust()
-    _meet(addresses, trust)
-    states = {}
+    addresses = _addresses(left, right, cell_file)
+    trust, states = _met(addresses), {}
     for side, address in addresses.items():
         with closing(Desk(address, trust, _sign_in(ask=False), f"{side} box")) as box:
             states[side] = box.state()
@@ -108,9 +107,7 @@ def _addresses(left: str | None, right: str | None, cell_file: Path | None) -> d
 
 
 def _each(addresses: Mapping[str, str], steps: Callable[[Desk, Trust, str], Iterator[str]]) -> None:
-    trust = Trust()
-    _meet(addresses, trust)
-    sign_in = _sign_in(ask=True)
+    trust, sign_in = _met(addresses), _sign_in(ask=True)
 
     def run(side: str, address: str) -> str:
         try:
@@ -127,8 +124,9 @@ def _each(addresses: Mapping[str, str], steps: Callable[[Desk, Trust, str], Iter
         raise HardwareError("; ".join(refusals))
 
 
-def _meet(addresses: Mapping[str, str], trust: Trust) -> None:
+def _met(addresses: Mapping[str, str]) -> Trust:
     """Remember the certificates of boxes that this user has not used before, and say so."""
+    trust = Trust()
     for side, address in addresses.items():
         if trust.knows(address):
             continue
@@ -143,6 +141,7 @@ def _meet(addresses: Mapping[str, str], trust: Trust) -> None:
             f"rtstack: first use of Desk of the {side} box at {address}: its certificate is {known}. Compare it with "
             f"what a browser shows there; from now on no other one is accepted ({trust.file(address)})", err=True,
         )  # fmt: skip
+    return trust
 
 
 def _sign_in(ask: bool) -> SignIn | None:

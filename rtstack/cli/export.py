@@ -98,9 +98,8 @@ def _say_left_out(candidates: "Sequence[Candidate]") -> None:
 
 
 def _cells(candidate: "Candidate") -> tuple[str, ...]:
-    words = [
-        str(getattr(candidate.row, name, None) or "") for name in ("kind", "controller", "object", "episode_verdict")
-    ]
+    names = ("kind", "controller", "object", "episode_verdict")
+    words = [str(getattr(candidate.row, name, None) or "") for name in names]
     taken = f"no: {candidate.why}" if candidate.why else "yes"
     return candidate.path.name, (candidate.recorded or "")[:19], *words, taken
 

@@ -1,7 +1,7 @@
 """`rtstack identify-friction` and `rtstack excite`: runs in free space, from which arms are identified."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -9,9 +9,6 @@ from hal.base.files import write_whole
 from rtstack.cli.exit_status import fail
 from rtstack.cli.options import CellFile, CellKind, Profile, Seed, check_new
 from rtstack.trials.errors import TrialError
-
-if TYPE_CHECKING:
-    from rtstack.trials.friction import ArmFriction
 
 commands = typer.Typer()
 ALL_JOINTS = 0  # of SweepSpecification
@@ -85,14 +82,10 @@ def identify_friction(
     write_whole(output, friction_toml(file))
     for side, arm in (("left", file.left), ("right", file.right)):
         if arm is not None:
-            typer.echo(f"{side}: " + _line(arm))
+            worst = max(range(len(arm.rms_nm)), key=arm.rms_nm.__getitem__)
+            typer.echo(
+                f"{side}: p1 {' '.join(f'{p:.2f}' for p in arm.p1)} Nm; gravity off by "
+                f"{1e2 * max(map(abs, arm.gravity_share)):.2f} % at most; "
+                f"{arm.rms_nm[worst]:.3f} Nm rms left at most (joint {worst + 1})"
+            )
     typer.echo(f"written: {output}; name it in the cell's file (joint_friction = {output.name!r}), or with --friction")
-
-
-def _line(arm: "ArmFriction") -> str:
-    worst = max(range(len(arm.rms_nm)), key=lambda j: arm.rms_nm[j])
-    return (
-        f"p1 {' '.join(f'{p:.2f}' for p in arm.p1)} Nm; gravity off by "
-        f"{1e2 * max(map(abs, arm.gravity_share)):.2f} % at most; "
-        f"{arm.rms_nm[worst]:.3f} Nm rms left at most (joint {worst + 1})"
-    )

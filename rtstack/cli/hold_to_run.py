@@ -29,18 +29,14 @@ _LOOK_S = 0.05
 
 
 class HoldToRun:
-    """What stands between a command and the arms of a cell: nothing where they are simulated (`needed` is False).
-
-    real: whether the arms are not simulated.
-    """
+    """What stands between a command and the arms of a cell: nothing where they are simulated (`real`, `needed`)."""
 
     def __init__(
         self, cell_kind: str, description: CellDescription, cell_file: Path, led: bool = False, moves: bool = True
     ) -> None:
         """led: a person leads the arms, whose geometry need not have been measured. moves: an arm is to move.
 
-        Raises TrialError for what the kind of cell refuses, and where the arms may be real and no person can be at
-        the terminal.
+        Raises TrialError for what the kind of cell refuses, and for real arms without a terminal.
         """
         kind, argument = kind_of(cell_kind)
         kind.check(argument, description, cell_file)
@@ -48,10 +44,8 @@ class HoldToRun:
             kind.measured(argument, description, cell_file)
         self.real = not kind.simulated(argument, description)
         self.needed = self.real and moves
-        self._cell = f"{description.name} ({cell_kind})"
-        self._name = description.name
-        self._held_ns = 0
-        self._confirmed = False
+        self._cell, self._name = f"{description.name} ({cell_kind})", description.name
+        self._held_ns, self._confirmed = 0, False
         if self.needed and not (sys.stdin.isatty() and sys.stderr.isatty()):
             raise TrialError(
                 f"the arms of {self._cell} are not simulated: they move only while a person holds the space bar, so "
@@ -60,9 +54,9 @@ class HoldToRun:
 
     @contextmanager
     def held(self, what: str, stop: Interrupt) -> Iterator[tuple[Watchdog, ...]]:
-        """Ask, and wait until the space bar is held; give the watchdogs of the run. stop: raised once it is let go.
+        """Ask once, wait until the space bar is held; give the watchdogs of the run. stop: raised once it is let go.
 
-        A second time the arms' name is not asked for again. Raises TrialError where the person does not confirm.
+        Raises TrialError where the person does not confirm.
         """
         if not self.needed:
             yield ()
@@ -80,8 +74,7 @@ class HoldToRun:
     def watched(self, what: str, stop: Interrupt, pause: Callable[[], None]) -> Iterator[None]:
         """Ask once; then the arms move by themselves while a person watches: any key stops them, p pauses.
 
-        stop: raised at a key, when the terminal is gone, and after a suspension. pause: called at p. Raises TrialError
-        where the person does not confirm.
+        stop: raised at a key, when the terminal is gone, and after a suspension. pause: called at p. Raises TrialError.
         """
         if not self.needed:
             yield

@@ -17,7 +17,6 @@ from rtstack.cli.interrupt import interruptible
 
 commands = typer.Typer()
 _PREFIX = "/opt/rtstack/bin/"  # as the units have it
-_UNITS = (".service", ".timer")
 
 
 @commands.command("host-setup")
@@ -62,15 +61,14 @@ def unit_texts() -> dict[str, str]:
     """Return the units by name, starting the program of this installation."""
     program = f"{Path(sys.executable).parent}/"
     found = sorted(files("deploy.units").iterdir(), key=lambda unit: unit.name)
-    return {u.name: u.read_text().replace(_PREFIX, program) for u in found if u.name.endswith(_UNITS)}
+    return {u.name: u.read_text().replace(_PREFIX, program) for u in found if u.name.endswith((".service", ".timer"))}
 
 
 def apply_changes(machine: Machine, changes: tuple[Change, ...]) -> None:
     """Apply the changes. Ctrl-C ends it between two of them, with exit status 1. Raises HostSetupError."""
     done = 0
-    with interruptible() as interrupt:  # between two changes
-        for _ in Journal(machine).apply(changes):
-            done += 1
+    with interruptible() as interrupt:
+        for done, _ in enumerate(Journal(machine).apply(changes), 1):
             if interrupt.stop_requested and done < len(changes):
                 fail(f"interrupted after {done} changes: --undo takes them back")
     typer.echo(f"{done} changes made; --undo takes them back" if done else "nothing to change")

@@ -35,8 +35,7 @@ class Interrupt:
 @contextmanager
 def interruptible() -> Iterator[Interrupt]:
     """Catch Ctrl-C, SIGTERM and SIGHUP for the time of a run."""
-    interrupt = Interrupt()
-    with handled(interrupt):
+    with handled(interrupt := Interrupt()):
         yield interrupt
 
 

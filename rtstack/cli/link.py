@@ -42,17 +42,17 @@ def link_findings(
     """Hold the arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
 
     Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run). Their geometry need not
-    have been measured: an arm is held where it is, before a person touches it.
-
-    Args:
-        sign: who signs this step of commissioning, where nothing has failed.
-        logs: folder for the samples of real arms.
+    have been measured. sign: who signs this step, where nothing has failed; logs: folder for the samples of real arms.
     """
     try:
         hold = HoldToRun(kind, description, cell_file or default_cell_file(), led=True)
         what = f"hold of the {' and '.join(description.sides)} arm for {ticks * 1e-3:g} s"
         opened = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file, led=True)
-        record = _record(logs) if hold.needed else None
+        record = None
+        if hold.needed:
+            with suppress(OSError):  # what is written there says why it cannot be
+                logs.mkdir(parents=True, exist_ok=True)
+            record = free_name(logs, "check").with_suffix(".npz")
         with closing(opened) as cell, interruptible() as stop, hold.held(what, stop):
             found = [_tracker(cell, description), *held_findings(cell, ticks, description, stop, record)]
         if sign is not None and not any(each.verdict == "fail" for each in found):
@@ -79,12 +79,6 @@ def _tracker(cell: Cell, description: CellDescription) -> Finding:
     return finding("tracker", value, not said, cost, "docs/howto/tracker.md", required=bool(unreadable))
 
 
-def _record(logs: Path) -> Path:
-    with suppress(OSError):  # what is written there says why it cannot be
-        logs.mkdir(parents=True, exist_ok=True)
-    return free_name(logs, "check").with_suffix(".npz")
-
-
 def held_findings(
     cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None, record: Path | None = None
 ) -> list[Finding]:
@@ -104,8 +98,7 @@ def held_findings(
     value += f", with {max(figures.hold_nm):.1f} Nm at most"
     cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
     found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL)]
-    found.append(_link(figures, cell.sides))
-    found += [_late(figures.lateness)] if figures.lateness is not None else []
+    found += [_link(figures, cell.sides), *([] if figures.lateness is None else [_late(figures.lateness)])]
     for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
         means = figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean
         felt = Felt(*(np.array(rows[k]) for rows in means))
@@ -125,11 +118,9 @@ def _ended(error: HardwareError) -> Finding:
 
 def _late(lateness: Lateness) -> Finding:
     """Judge who was late: the advice is for whose share is the largest."""
-    shares = lateness.shares
+    shares, good = lateness.shares, len(lateness.late) <= GOOD_LATE_SHARE * lateness.cycles
     advice = _LATE[Blame(max(shares, key=lambda name: shares[name]))] if shares else ""
-    cost = "a late answer is a lost one; 20 in a row stop the arm"
-    good = len(lateness.late) <= GOOD_LATE_SHARE * lateness.cycles
-    return finding("late cycles", lateness.line, good, cost, advice)
+    return finding("late cycles", lateness.line, good, "a late answer is a lost one; 20 in a row stop the arm", advice)
 
 
 def _link(figures: LinkBenchmark, sides: Sequence[str]) -> Finding:

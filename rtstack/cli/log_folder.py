@@ -25,7 +25,6 @@ logs = typer.Typer(help="List, compare and prune the logs of a folder.")
 commands.add_typer(logs, name="logs")
 _GB = 1e9
 _RESULTS = ("success", "failure_reason", "impact_verdict", "average_force_norm", "peak_force_norm", "max_lift_mm")
-_NOT_SET = "-"
 
 
 @logs.command("list")
@@ -162,4 +161,4 @@ def _said(value: str | None) -> str:
     try:
         return f"{float(value or ''):.4g}"
     except ValueError:
-        return _NOT_SET if value is None else value
+        return "-" if value is None else value

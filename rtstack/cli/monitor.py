@@ -125,8 +125,7 @@ def _good_runs(paths: Sequence[Path], description: "CellDescription", progress) 
                 raise TrialError(f"{path}: it follows a push or an older plan, whose impact is not known")
             expected[digest] = impact
         good = GoodRun(path.name, log_columns(log), expected[digest], base_poses(description))
-        place = float(specification["displacement_mm"])
-        name = Path(specification["reference"]).stem
+        name, place = Path(specification["reference"]).stem, float(specification["displacement_mm"])
         runs.append(Recorded(good, thing, name, place, int(specification["seed"])))
         progress((k + 1) / len(paths))
     return runs

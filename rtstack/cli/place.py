@@ -1,6 +1,5 @@
 """`rtstack place`: the arms set an object where it is wanted, and again until it stands there."""
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,11 +9,6 @@ from rtstack.trials.specification import PlacementSpecification
 
 commands = typer.Typer()
 Asked = dict[str, Any] | None  # filled by asks_for
-
-
-def numbered(log: Path, attempt: int) -> Path:
-    """Return the log of a further attempt."""
-    return log.with_name(f"{log.stem}-{attempt}{log.suffix}")
 
 
 @commands.command()
@@ -43,7 +37,8 @@ def place(
     what, bar = f"placing {specification.title}", "placing" * (not json)
     host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log)
     prepared = prepare_placement(specification, host.description)
-    logs = [log, *(numbered(log, attempt) for attempt in range(2, attempts + 1))] if log else [None] * attempts
+    further = [] if log is None else [log.with_name(f"{log.stem}-{n}{log.suffix}") for n in range(2, attempts + 1)]
+    logs = [log, *(further or [None] * attempts)]
     done: list[PlacementResult] = []
 
     def carry(prepared: PreparedPlacement) -> PlacementResult:

@@ -91,8 +91,7 @@ def plan(
     description, source = load_description(cell_file)
     check_log_path(output)
     given = {key: value for key, value in values.items() if value is not None}
-    foreign = _PUSH_ONLY if motion is Motion.GRAB else _GRAB_ONLY
-    for key in foreign:
+    for key in _PUSH_ONLY if motion is Motion.GRAB else _GRAB_ONLY:
         if key in given:
             raise PlanError(f"--{key.replace('_', '-')} does not belong to a {motion}: leave it out")
     planned, slower = _planned(description, motion, object_name, given)

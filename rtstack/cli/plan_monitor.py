@@ -48,11 +48,9 @@ def plan_monitor(
     with progress_bar("runs of the plan", shown) as progress:
         # rolled: the furthest ones come first, and `split` holds back every third
         for k, place_mm in enumerate(np.roll(np.linspace(-SHIFTED_MM, SHIFTED_MM, runs), 1).round(1).tolist()):
-            specification = TrialSpecification(
-                name, object=recording.object, displacement_mm=place_mm, seed=FIRST_SEED + k
-            )
-            run = _run(planned, specification, description, cell_file)
-            good.append(Recorded(run, recording.object, name, place_mm, specification.seed))
+            thing, seed = recording.object, FIRST_SEED + k
+            asked = TrialSpecification(name, object=thing, displacement_mm=place_mm, seed=seed)
+            good.append(Recorded(_run(planned, asked, description, cell_file), thing, name, place_mm, seed))
             progress((k + 1) / runs)
     used, held_out = split(good)
     parameters = tune([record.run for record in used], SENSITIVITY)

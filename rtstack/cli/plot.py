@@ -56,9 +56,8 @@ def plot(
     from rtstack.figures.style import save
     from rtstack.log.analysis.signals import DEFAULT, matching, signals
 
-    kinds = [
-        kind for kind, chosen in (("html", html), ("pdf", pdf), ("png", png), ("svg", svg), ("webp", webp)) if chosen
-    ]
+    known = {"html": html, "pdf": pdf, "png": png, "svg": svg, "webp": webp}
+    kinds = [kind for kind, chosen in known.items() if chosen]
     if len(kinds) > 1:
         raise typer.BadParameter(f"--{kinds[0]} and --{kinds[1]}: give one of them")
     paths = [Path(word) for word in words if word.endswith(".mcap") or Path(word).is_file()]

@@ -16,7 +16,7 @@ from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
     from rtstack.cli.console_client import Stream
-    from rtstack.teleoperation.policy import Chunk, Policy
+    from rtstack.teleoperation.policy import Policy
 
 commands = typer.Typer()
 _ARRAYS = ("q", "dq", "pose", "pose_ref", "force")
@@ -112,12 +112,7 @@ def _answer(stream: "Stream", policy: "Policy", shown: dict[str, Any]) -> None:
         stream.recv(_TIMEOUT_S)  # it has been taken
         typer.echo(f"rtstack: the policy has ended: {own_words(error)}", err=True)
         raise typer.Exit(FAILED) from error
-    stream.send(json_module.dumps({"to": shown["number"]} | _message(chunk or Chunk())))
-
-
-def _message(chunk: "Chunk") -> dict[str, Any]:
-    """Return a chunk as the console takes it."""
-    if chunk.finished:
-        return {"finished": True}
+    chunk = chunk or Chunk()
     named = {"poses": chunk.poses, "joints": chunk.joints}
-    return {"step_s": chunk.step_s} | {key: value.tolist() for key, value in named.items() if value is not None}
+    said = {"step_s": chunk.step_s} | {key: value.tolist() for key, value in named.items() if value is not None}
+    stream.send(json_module.dumps({"to": shown["number"]} | ({"finished": True} if chunk.finished else said)))

@@ -26,11 +26,8 @@ def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
         typer.echo(f"{log} is complete: nothing to recover")
         return
     what = f"; {len(summary.missing)} parts could not be read:" if summary.missing else ""
-    typer.echo(
-        f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s, to {summary.output}{what}"
-    )
-    for line in summary.missing:
-        typer.echo(f"  {line}")
+    found = f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s"
+    typer.echo("\n  ".join([f"{found}, to {summary.output}{what}", *summary.missing]))
 
 
 @commands.command("recover-arms")
@@ -41,23 +38,20 @@ def recover_arms(
     ] = None,
 ) -> None:
     """Clear what the arms have latched (a fault, a reflex), once its cause is gone."""
-    if cell is not None and stack is not None:
-        raise TrialError("--cell or --stack, not both: a running stack has its arms itself")
-    if cell is None:
-        _recover_stack(stack)
-    else:
-        _recover_pair(cell)
-
-
-def _recover_stack(socket: Path | None) -> None:
     from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, only_stack
 
-    socket = socket or only_stack("--stack SOCKET")
+    if cell is not None and stack is not None:
+        raise TrialError("--cell or --stack, not both: a running stack has its arms itself")
+    if cell is not None:
+        _recover_pair(cell)
+        return
+    socket = stack or only_stack("--stack SOCKET")
+    user = "".join(letter for letter in user_name() if letter.isprintable()).strip()
     try:
         with closing(RobotClient(socket)) as client:
             status = client.status()
             typer.echo(f"{status.cell}: {status.phase}" + (f": {status.reason}" if status.reason else ""))
-            status = client.recover(_operator())
+            status = client.recover(f"{user[:_LONGEST_NAME]}, terminal")
             typer.echo(f"{status.cell}: {status.phase}: take control and arm to go on")
     except RobotRefused as error:
         fail(str(error))
@@ -81,8 +75,3 @@ def _recover_pair(kind: str) -> None:
                 typer.echo(line)
     except RecoveryRefused as error:
         fail(str(error))
-
-
-def _operator() -> str:
-    user = "".join(letter for letter in user_name() if letter.isprintable()).strip()
-    return f"{user[:_LONGEST_NAME]}, terminal"

@@ -2,6 +2,7 @@
 
 import json as json_module
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,6 +39,7 @@ def review(
     ] = None,
 ) -> None:
     """Say what is in a log: result, events, impacts, recomputed from its samples, and a small picture of the forces."""
+    from rtstack.log.reader import read_log
     from rtstack.trials.review import review_log
 
     if plot is not None:
@@ -50,20 +52,11 @@ def review(
     if json:
         typer.echo(json_module.dumps(found.as_dict()))
         return
-    for line in (*_lines(found), *_pictured(log)):
-        typer.echo(line)
-
-
-def _pictured(path: Path) -> list[str]:
-    """Return the picture, where the terminal has letters for it."""
-    from rtstack.log.reader import read_log
-
-    lines = picture(read_log(path))
-    try:
-        "".join(lines).encode(sys.stdout.encoding or "ascii")
-    except UnicodeEncodeError:
-        return []
-    return lines
+    typer.echo("\n".join(_lines(found)))
+    pictured = picture(read_log(log))
+    with suppress(UnicodeEncodeError):  # a terminal that has no letters for it
+        "".join(pictured).encode(sys.stdout.encoding or "ascii")
+        typer.echo("\n".join(pictured), nl=bool(pictured))
 
 
 def picture(log: "Log") -> list[str]:
@@ -84,9 +77,8 @@ def picture(log: "Log") -> list[str]:
 
 def _peaks(t_s: NDArray[np.float64], values: NDArray[np.float64], end_s: float) -> NDArray[np.float64]:
     """Return the largest value of each column, (WIDTH,)."""
-    columns = np.minimum((t_s / end_s * WIDTH).astype(int), WIDTH - 1)
     peaks = np.zeros(WIDTH)
-    np.maximum.at(peaks, np.maximum(columns, 0), values)
+    np.maximum.at(peaks, (t_s / end_s * WIDTH).astype(int).clip(0, WIDTH - 1), values)
     return peaks
 
 
@@ -160,10 +152,9 @@ def _lines(found: "Review") -> list[str]:
     )
     lines.append(f"  {'first contact':<22} {contacts}")
     if found.score is not None:
-        values = found.score
         for name in ("average_force_norm", "average_force_norm_linear_n", "peak_force_norm", "max_lift_mm",
                      "peak_torque_ratio", "peak_velocity_ratio"):  # fmt: skip
-            value = getattr(values, name)
+            value = getattr(found.score, name)
             lines.append(f"  {name:<22} {'-' if value is None else f'{value:.3f}'}")
     if found.lateness is not None:
         lines += [f"  {'late cycles':<22} {found.lateness.line}", *(f"    {row}" for row in found.lateness.table)]

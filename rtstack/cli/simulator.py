@@ -68,7 +68,10 @@ def sim(
     ] = SELF_TEST_EVERY_S,
 ) -> None:
     """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
-    options: dict[str, Any] = {**locals(), "cpu": _chosen_cpu(cpu)}
+    options: dict[str, Any] = {**locals(), "cpu": robot_cpu() if cpu is None else cpu}
+    ours = os.sched_getaffinity(0)
+    if cpu is not None and cpu != ANY_CPU and cpu not in ours:
+        raise TrialError(f"--cpu {cpu}: choose one of {', '.join(map(str, sorted(ours)))}, or -1 for any")
     # the imports take seconds, and nothing runs yet
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))
     # nothing is drawn: with glfw MuJoCo looks for its library in a process that would outlive Ctrl-C, with a traceback
@@ -96,11 +99,3 @@ def sim(
     remove_left()
     if status := serve(Options(**options), next_step):
         raise typer.Exit(status)
-
-
-def _chosen_cpu(cpu: int | None) -> int:
-    """Return where a served robot is to stay, -1 for anywhere. Raises TrialError for a CPU that we have not."""
-    ours = os.sched_getaffinity(0)
-    if cpu is not None and cpu != ANY_CPU and cpu not in ours:
-        raise TrialError(f"--cpu {cpu}: choose one of {', '.join(map(str, sorted(ours)))}, or -1 for any")
-    return robot_cpu() if cpu is None else cpu

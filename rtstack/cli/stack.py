@@ -117,10 +117,7 @@ def _address(host: str | None, https: bool) -> str:
 
 
 def _chosen_kind(kind: str | None, left: str | None, right: str | None, profile: str | None) -> str:
-    """Return the kind of cell that is named, that the addresses make, or the simulated one, with the profile.
-
-    One address: that arm alone. Raises TrialError.
-    """
+    """Return the kind of cell that is named, that the addresses make, or the simulated one. Raises TrialError."""
     from rtstack.cells import with_profile
 
     if kind is not None and (left is not None or right is not None):

@@ -42,7 +42,7 @@ class StackOperator:
 
     def __init__(self, socket: Path, name: str, out: Path) -> None:
         """socket: of the robot process; out: the campaign's folder. Raises TrialError, ConfigurationError."""
-        self._run, self._operator, self._out = socket.parent, f"campaign {Path(name).stem}"[:40], out
+        self._run, self._operator, self._pause = socket.parent, f"campaign {Path(name).stem}"[:40], out / PAUSE
         self._client, self._pulse = RobotClient(socket), RobotClient(socket)
         with self._asking(), closing(RobotClient(socket)) as client:
             status = client.status()
@@ -75,16 +75,16 @@ class StackOperator:
                 self._client.arm(self._operator)
             elif not reason and disarmed:
                 reason = DISARMED
-                self._write_pause(reason)
+                self.ask(reason)
         self._waited = bool(reason)
         return f"{reason}: press Go on on the page Campaigns" if reason else ""
 
     def look(self, reason: str) -> None:
         if self.has_person:
-            self._write_pause(reason)
+            self.ask(reason)
 
     def ask(self, what: str) -> None:
-        self._write_pause(what)
+        self._pause.write_text(what, encoding="utf-8")
 
     @contextmanager
     def kept_cell(self, run: PreparedRun[Any]) -> Iterator[Cell]:
@@ -107,9 +107,8 @@ class StackOperator:
             with self._asking():
                 status = self._client.status()
                 if status.holder is None or status.phase is not Phase.ARMED:
-                    raise TrialError(
-                        "take control and arm the arms on the page first: the campaign takes over from you"
-                    )
+                    what = "the campaign takes over from you"
+                    raise TrialError(f"take control and arm the arms on the page first: {what}")
                 self._client.take(self._operator, over_from=status.holder)
                 self._client.arm(self._operator)
                 self._pause.unlink(missing_ok=True)
@@ -165,13 +164,6 @@ class StackOperator:
             if holder != self._operator:
                 self._lost = f"{holder or 'no operator'} has control now"
                 return
-
-    @property
-    def _pause(self) -> Path:
-        return self._out / PAUSE
-
-    def _write_pause(self, reason: str) -> None:
-        self._pause.write_text(reason, encoding="utf-8")
 
     @contextmanager
     def _asking(self) -> Iterator[None]:

@@ -37,8 +37,7 @@ class Terminal(CellHost):
 
     what: the motion, for the person who confirms it. bar: the label of the progress bar, "" for none. log_path: of the
     log; None: none of simulated arms, and a free name of real ones. led: see PreparedRun. softly: Ctrl-C brakes along
-    the path. record: what the log says
-    of the campaign that the run is part of.
+    the path. record: what the log says of the campaign that the run is part of.
     """
 
     kind: str
@@ -144,10 +143,10 @@ class Terminal(CellHost):
         assert self._cell is not None, "no cell is kept"
         try:
             with suppress(HardwareError):
-                _recover(self._cell)
+                self._cell.recover()
                 return None
             cell = self._opened_again()
-            _recover(cell)
+            cell.recover()
         except HardwareError as error:
             raise TrialError(f"the arms do not recover: {error}") from None
         return cell
@@ -225,11 +224,6 @@ class Terminal(CellHost):
                 path.parent.mkdir(exist_ok=True)
             print(f"rtstack: log: {path}", file=sys.stderr)
         return run.open_log(path, self.kind, self.cell_file, cell, self.record)
-
-
-def _recover(cell: Cell) -> None:
-    for arm in cell.arms:
-        arm.recover()
 
 
 def report(result: Result, json: bool, line: str, ran: bool = False) -> None:

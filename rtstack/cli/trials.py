@@ -33,7 +33,7 @@ from rtstack.trials.controllers import DEFAULT, controller_names, known_controll
 from rtstack.trials.specification import DemonstrationSpecification, PlaybackSpecification, TrialSpecification
 
 if TYPE_CHECKING:
-    from rtstack.trials.result import DemonstrationResult, PlaybackResult, TrialResult
+    from rtstack.trials.result import TrialResult
 
 commands = typer.Typer()
 OBJECT, DISPLACEMENT_MM = "rice_box", -30.0  # of the demo
@@ -125,17 +125,14 @@ def teach(
     what, bar = f"demonstration of {specification.object}", "demonstration" * (not json)
     host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=output)
     result = host.run(prepare_demonstration(specification, host.description))
-    report(result, json, _demonstration_line(result))
-
-
-def _demonstration_line(result: "DemonstrationResult") -> str:
-    if not result.success:
-        return f"demonstration failed: {result.failure_reason}"
-    lift = "the object was never seen" if result.max_lift_mm is None else f"lifted {result.max_lift_mm:.0f} mm"
-    return (
-        f"recorded {result.log}: {result.object}, variation {result.variation}, impact at "
-        f"{result.detected_impact_time_s:.3f} s, {lift}"
-    )
+    line = f"demonstration failed: {result.failure_reason}"
+    if result.success:
+        lift = "the object was never seen" if result.max_lift_mm is None else f"lifted {result.max_lift_mm:.0f} mm"
+        line = (
+            f"recorded {result.log}: {result.object}, variation {result.variation}, impact at "
+            f"{result.detected_impact_time_s:.3f} s, {lift}"
+        )
+    report(result, json, line)
 
 
 @commands.command()
@@ -239,10 +236,7 @@ def play(
     what, bar = f"playback of {specification.source}", f"playing at {specification.speed:g}x" * (not json)
     host = Terminal.of(cell, profile, cell_file, what, bar=bar, log_path=log, softly=True)
     result = host.run(prepare_playback(specification, host.description))
-    report(result, json, _playback_line(result))
-
-
-def _playback_line(result: "PlaybackResult") -> str:
     outcome = "played" if result.success else f"failed: {result.failure_reason}"
     error = "" if result.largest_error_mm is None else f" | pads at most {result.largest_error_mm:.1f} mm off"
-    return f"{outcome} | {result.played_s:.2f} of {result.duration_s:.2f} s at {result.speed:g}x{error}"
+    played = f"{result.played_s:.2f} of {result.duration_s:.2f} s at {result.speed:g}x"
+    report(result, json, f"{outcome} | {played}{error}")

@@ -60,10 +60,9 @@ def twin(
     whose = ", ".join(map(str, held_out)) or "the end of each log, a fifth"
     typer.echo(f"held out: {whose}")
     replays = list(_replayed(held_out, str(out / PROFILE)))
-    used = {
-        name: list(map(str, paths)) for name, paths in (("logs", logs), ("unloaded", unloaded), ("held_out", held_out))
-    }
-    numbers: dict[str, Any] = used | {side: asdict(arm) for side, arm in arms.items()}
+    used = {"logs": logs, "unloaded": unloaded, "held_out": held_out}
+    numbers: dict[str, Any] = {name: list(map(str, paths)) for name, paths in used.items()}
+    numbers |= {side: asdict(arm) for side, arm in arms.items()}
     numbers["replays"] = [each.as_dict() for each in replays]
     write_whole(out / NUMBERS, json.dumps(numbers, indent=1) + "\n")
     typer.echo(f"written: {out / PROFILE} (--profile of a simulated cell), {out / CELL} (--cell-file)")
