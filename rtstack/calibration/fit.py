@@ -100,8 +100,7 @@ class Fit:
 
 
 def calibrate(points: Sequence[Observation], nominal: Geometry) -> Fit:
-    """Fit the geometry that the points determine; the rest stays as in `nominal`, where everything should be. Raises
-    CalibrationError."""
+    """Fit the geometry that the points determine; the rest stays as in `nominal`. Raises CalibrationError."""
     if why := _other_arm_was_led(points, nominal.sides):
         raise SidesSwapped(why)
     problem = _Problem(points, nominal)

@@ -52,12 +52,10 @@ def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
 
 @compiled
 def acceleration_bounds(q, dq, push, limits, lower, upper):
-    """Write the bounds of ddq, (7,), rad/s^2. limits: a record of CONTROL_LIMITS (rtstack.safety.limits).
-
-    (13) is the position-dependent velocity limit of the arm, which falls to zero before the position limit: it keeps
-    (12) too, by braking. push (7,): rad/s^2, what external torques accelerate the joints with; where it drives a joint
-    towards a line as much more is braked, up to `push_max` and to what the other line allows.
-    """
+    """Write the bounds of ddq, (7,), rad/s^2. limits: a record of CONTROL_LIMITS (rtstack.safety.limits). (13) is the
+    position-dependent velocity limit of the arm, which falls to zero before the position limit: it keeps (12) too, by
+    braking. push (7,): rad/s^2, what external torques accelerate the joints with; where it drives a joint towards a
+    line as much more is braked, up to `push_max` and to what the other line allows."""
     for i in range(7):
         most = limits.push_max[i]
         high = _largest(limits.q_upper[i] - q[i], dq[i], limits, i)
@@ -69,12 +67,10 @@ def acceleration_bounds(q, dq, push, limits, lower, upper):
 @compiled
 def _largest(room, speed, limits, i):
     """Return the largest acceleration, rad/s^2, of joint i towards a position limit, `room` rad before it, at `speed`.
-
     With the velocity v(room) that is allowed: d/dt (v - speed) >= -(v - speed) / approach_s. So the distance from the
     line falls with that time constant at most, whatever the torque's rate. Where v is zero it goes on as its tangent: a
     joint that is pushed beyond is pushed back. Never more than `braking` is asked for: limits are kept in a soft sense,
-    as the paper says, and the problem stays feasible.
-    """
+    as the paper says, and the problem stays feasible."""
     offset, deceleration = limits.velocity_offset[i], limits.deceleration[i]
     slope = deceleration / offset
     allowed = slope * room - 0.5 * offset
@@ -209,20 +205,14 @@ def pose_problem(
 
 
 @compiled
-def force_norm(left, right):
-    """(33): the norm of both arms' desired wrenches in one vector of twelve. Written to both controls."""
+def force_norm(controls):
+    """(33): the norm of all arms' desired wrenches in one vector. Written to each arm's control record."""
     square = 0.0
     for i in range(6):
-        square += left[0].wrench_desired[i] ** 2 + right[0].wrench_desired[i] ** 2
+        part = 0.0
+        for control in controls:
+            part += control[0].wrench_desired[i] ** 2
+        square += part
     norm = math.sqrt(square)
-    left[0].force_norm = norm
-    right[0].force_norm = norm
-
-
-@compiled
-def force_norm_of_one(arm):
-    """(33) of a cell's only arm."""
-    square = 0.0
-    for i in range(6):
-        square += arm[0].wrench_desired[i] ** 2
-    arm[0].force_norm = math.sqrt(square)
+    for control in controls:
+        control[0].force_norm = norm

@@ -1,10 +1,9 @@
-"""Generalised-momentum observer in its flexible-joint form: driven by the measured joint torque, blind to motor
-friction.
+"""Generalised-momentum observer of flexible joints: driven by the measured joint torque, blind to motor friction.
 
 r = K_O (p - int(tau_J + C^T dq - g + r) dt - p(0)) + r(0), p = M dq with the links' mass matrix: (5)-(7) of the
 collision-monitoring paper. r converges to the torque that the environment exerts on the joints. The paper begins with
-r(0) = 0: a robot whose gravity torque is off, or whose tau_J leaves gravity out, would begin with a false impact.
-So r begins where it would be had the arm always rested: r(0) = g - tau_J - C^T dq.
+r(0) = 0: a robot whose gravity torque is off, or whose tau_J leaves gravity out, would begin with a false impact. So r
+begins as had the arm always rested: r(0) = g - tau_J - C^T dq.
 """
 
 from hal.compilation import compiled

@@ -1,9 +1,8 @@
 """The quadratic program of a tick where a limit is active: min 1/2 x^T H x + g^T x, bounds on x and on M x.
 
-Three solvers behind one face: a compiled active set, and two libraries as further opinions. Of them proxsuite's
-PrimalLDLT backend is the default; its automatic backend, warm-started, returns wrong answers that it calls solved, so
-every answer is checked against the optimality conditions. Where a solver has no acceptable answer the next one is
-asked, in the same tick.
+A compiled active set, and two libraries as further opinions. proxsuite's PrimalLDLT backend is the default: its
+automatic one, warm-started, returns wrong answers that it calls solved. So every answer is checked against the
+optimality conditions, and where one is not acceptable the next solver is asked, in the same tick.
 """
 
 from typing import Protocol

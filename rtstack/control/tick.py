@@ -16,7 +16,7 @@ from rtstack.control.completion import CompletionDetector
 from rtstack.control.controller import ArmLaw
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.impedance import note_setpoints
-from rtstack.control.law import force_norm, force_norm_of_one, observe, pose_problem, remember_torque, torque
+from rtstack.control.law import force_norm, observe, pose_problem, remember_torque, torque
 from rtstack.control.modes import ModeMachine
 from rtstack.control.parameters import (
     CompletionParameters,
@@ -230,8 +230,7 @@ class CellController:
         until_s = machine.nominal_impact_s - machine.parameters.exclusion_s
         self._tare_until_ns = round(until_s * 1e9) if until_s > 0.0 else NEVER_NS
         self._note = tuple(bound(note_setpoints, arm.setpoint, arm.control) for arm in self.arms)
-        controls = [arm.control for arm in self.arms]
-        self._force_norm = bound(force_norm_of_one if len(controls) == 1 else force_norm, *controls)
+        self._force_norm = bound(force_norm, tuple(arm.control for arm in self.arms))
         if monitor is not None:
             for side, arm in enumerate(self.arms):
                 monitor.bind(side, arm.sample, arm.workspace, arm.control)

@@ -26,10 +26,6 @@ _UNEXPECTED = int(Verdict.UNEXPECTED)
 UNTIL_BEFORE_S = 0.2  # the nominal impact: where an object that is displaced cannot be met yet
 
 
-def _nobody(_elapsed_ns: int) -> None:
-    """Watch an arm that has not been seen yet."""
-
-
 class TrialMonitor:
     """Watches one trial. `pair` (1,) of PAIR and `arms` (2,) of monitor_dtype(7) are what is known so far."""
 
@@ -57,7 +53,7 @@ class TrialMonitor:
         self._said = int(Verdict.NONE)
         self._watched: list[NDArray | None] = [None, None]
         # of each arm: take the tick that it has just observed, so long after the start; see `bind`
-        self.watch: list[Callable[[int], None]] = [_nobody, _nobody]
+        self.watch: list[Callable[[int], None]] = [lambda _elapsed_ns: None] * 2
         pair_expect(self.pair, self.arms, round(impact.t_d_s * 1e9), np.array(impact.q_d, dtype=np.float64))
 
     def _net_bounds(self, period_s: float) -> np.ndarray:

@@ -41,11 +41,9 @@ FITTED = 0.8  # of each log's ticks, where no log is held out: the last ones are
 @dataclass(frozen=True, slots=True)
 class ArmSamples:
     """Ticks (n,) without contact. Joints (n, 7), SI units; torques: through the joint, commanded, estimated external.
-
     model: of the arm as its cell's file describes it. slip (n, 7, WINDOW): the motors' velocity around each tick, since
     friction is no linear function of it, and what is smoothed is the friction. blocks: which ticks are neighbours.
-    held_out: not to be fitted.
-    """
+    held_out: not to be fitted."""
 
     model: pin.Model
     q: Array
@@ -126,13 +124,11 @@ def _around(values: Array) -> Array:
 @dataclass(frozen=True, slots=True)
 class Links:
     """The links' side of an arm, over the ticks (n,) of its samples with the payload, then of those without it.
-
-    samples: all of them. torque: through the joints (n, 7) Nm; gravity: the part of it that is gravity's; shapes
-    (7, n, SHAPES): what else it could be along the motion, of size one, the most likely first; what the commanded
-    torque and the robot's own compensation, which act late, change in LATE_S; and a constant. payload: mass kg and
-    first moment (3,) kg m in the last link's frame; infinitely uncertain without samples of the arm without it.
-    inertial (70,): what the description lacks, of the arm in `samples` with its payload, and without it.
-    """
+    samples: all of them. torque: through the joints (n, 7) Nm; gravity: the part of it that is gravity's; shapes (7, n,
+    SHAPES): what else it could be along the motion, of size one, the most likely first; what the commanded torque and
+    the robot's own compensation, which act late, change in LATE_S; and a constant. payload: mass kg and first moment
+    (3,) kg m in the last link's frame; infinitely uncertain without samples of the arm without it. inertial (70,): what
+    the description lacks, of the arm in `samples` with its payload, and without it."""
 
     samples: ArmSamples
     torque: Array
@@ -201,8 +197,7 @@ def _regressors(samples: ArmSamples) -> tuple[Array, Array, tuple[Array, Array, 
 
 
 def joint(link: Links, j: int, friction: Sequence[float], B_theta: float) -> Joint:
-    """Fit joint 0 to 6. friction, B_theta: where the fit begins. A joint that feels no gravity says nothing about the
-    robot's compensation of it."""
+    """Fit joint 0 to 6, from friction and B_theta on. One without gravity tells nothing of its compensation."""
     samples = link.samples
     use = ~samples.held_out
     blocks = samples.blocks[use]

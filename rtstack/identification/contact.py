@@ -1,9 +1,8 @@
 """What logs with contact say: how late the robot's estimate of external torques is, and how stiff a pad on an object.
 
-The estimate is taken as the simulated robot makes it: the mean over a millisecond, a first-order low-pass, a delay. The
-delay is that of the torque which the links' motion leaves unexplained; a real robot's other filters are in it. Both
-pads press on one object: the squeeze is k times how far each goes in, half of what the pads come together, and a
-damper's.
+The estimate is taken as the simulated robot makes it: the mean over a millisecond, a first-order low-pass, a delay:
+that of the torque which the links' motion leaves unexplained. Both pads press on one object: the squeeze is k times how
+far each goes in, half of what the pads come together, and a damper's.
 """
 
 from collections.abc import Sequence

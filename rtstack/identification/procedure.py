@@ -57,8 +57,7 @@ class Identification:
         return self._sweeps[joint]
 
     def prepared(self, asked: SweepSpecification) -> PreparedMotion:
-        """Return a run that can be carried out: the same robot, seen through other noise in each run. A log that was
-        broken off is overwritten."""
+        """Return a run to be carried out, through noise of its own. It overwrites a log that was broken off."""
         noise = 1000 * asked.run + asked.joint
         return PreparedMotion(asked, self._description, self.sweep(asked.joint).plan, self._parameters, noise, True)
 

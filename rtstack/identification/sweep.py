@@ -50,8 +50,7 @@ class Sweep:
 
 
 def sweep(description: CellDescription, arms: Sequence[ArmController], joint: int) -> Sweep:
-    """Return the sweep of a joint (0 to 6) of each arm, two arms as mirror images. Raises TrialError where there is no
-    room."""
+    """Return the sweep of a joint (0 to 6) of each arm, two as mirror images. Raises TrialError for want of room."""
     points, t_s = [ViaPoint(BEGIN_S, 0.0)], BEGIN_S
     for peak in PEAKS:
         reach = peak * LEG_S / 1.875 / 2.0

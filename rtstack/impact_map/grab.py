@@ -28,12 +28,9 @@ PLACED = 1e-10  # m, rad
 
 @dataclass(frozen=True, slots=True)
 class GrabImpact:
-    """A grab's nominal impact. Arrays of both arms, (left, right).
-
-    q (2, 7) rad; dq_before, dq_after (2, 7) rad/s; twist (2, 6): of the pads' faces after the impact, along the
-    world's axes, linear first; dxi (2,) rad/s: velocity of the posture's joint after it. map: everything else, its
-    status first.
-    """
+    """A grab's nominal impact. Arrays of both arms, (left, right). q (2, 7) rad; dq_before, dq_after (2, 7) rad/s;
+    twist (2, 6): of the pads' faces after the impact, along the world's axes, linear first; dxi (2,) rad/s: velocity of
+    the posture's joint after it. map: everything else, its status first."""
 
     q: Array
     dq_before: Array
@@ -49,11 +46,9 @@ def grab_impact(
     kind: MapKind = MapKind.CONVERGED,
 ) -> GrabImpact:  # fmt: skip
     """Return the nominal impact of a grab whose ante-impact reference ends in `ante`, (2,) of POINT (left, right).
-
     object_xy: where the object stands on the table, m; kind: of the map whose velocities are returned. Raises
     SceneError where an arm cannot be in that pose, or its pad does not touch the object there, KeyError for an object
-    that is not there.
-    """
+    that is not there."""
     mountings = description.arms
     q, dq = np.empty((2, 7)), np.empty((2, 7))
     for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True)):
@@ -72,8 +67,7 @@ def grab_scene(
     description: CellDescription, object_name: str, q: Array, dq: Array, pad_friction: float, table_friction: float,
     reflected: ReflectedInertia = ReflectedInertia.B_THETA, object_xy: tuple[float, float] = (0.0, 0.0),
 ) -> Scene:  # fmt: skip
-    """Return the scene of a cell with its first arms at q (arms, 7) rad, moving with dq (arms, 7) rad/s, at a resting
-    object."""
+    """Return the scene of a cell's first arms at q (arms, 7) rad, with dq (arms, 7) rad/s, and a resting object."""
     thing, top = description.objects[object_name], description.table.top_z
     sides = description.sides[: len(q)]
     arms = {

@@ -41,11 +41,9 @@ class CommandEcho:
         self.lost = 0
 
     def agree(self, begun: bool) -> None:
-        """Start from the torque that the robot has: an answer that came too late was dropped.
-
-        A state that repeats the last one tells nothing of it. Until our first torque has come back we start from zero:
-        tau_J_d is what the robot's own controller held the arm with. begun: the arm has shown a state before this one.
-        """
+        """Start from the torque that the robot has: an answer that came too late was dropped. A state that repeats the
+        last one tells nothing of it. Until our first torque has come back we start from zero: tau_J_d is what the
+        robot's own controller held the arm with. begun: the arm has shown a state before this one."""
         difference = self._differ()
         if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
             self.seen = self.seen or (begun and self._desires() > SAME_TORQUE_NM)

@@ -84,12 +84,10 @@ class PointSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SessionPlan:
-    """What to follow: ante and post (arms, n) of POINT, the mode to begin with, and the stiffness (6,).
-
-    source: writes ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do.
-    impact_s: between which two moments an impact is meant, s since the start: until it is detected the forces are those
-    of contact, from then on those of an impact, and outside those of `phase`.
-    """
+    """What to follow: ante and post (arms, n) of POINT, the mode to begin with, and the stiffness (6,). source: writes
+    ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do. impact_s: between
+    which two moments an impact is meant, s since the start: until it is detected the forces are those of contact, from
+    then on those of an impact, and outside those of `phase`."""
 
     ante: NDArray
     post: NDArray
@@ -140,13 +138,10 @@ class SessionOutcome:
 
 
 class Session:
-    """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log).
-
-    Whatever ends it, the judge brakes the arms; what is said about it is said once the torque is out. Once the
-    controller has raised, or takes too long, it is not asked again: the judge stops without it.
-
-    cutoff_hz: of the low-pass of the desired torque, 0 for none. watchdogs: asked once a tick, beside `stop`.
-    """
+    """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log). Whatever
+    ends it, the judge brakes the arms; what is said about it is said once the torque is out. Once the controller has
+    raised, or takes too long, it is not asked again: the judge stops without it. cutoff_hz: of the low-pass of the
+    desired torque, 0 for none. watchdogs: asked once a tick, beside `stop`."""
 
     def __init__(
         self,
@@ -207,8 +202,7 @@ class Session:
         self._rest = StandstillDetector([a.sample["dq"][0] for a in controller.arms])
 
     def run(self) -> SessionOutcome:
-        """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot or a controller
-        does."""
+        """Follow the plan to its end, brake, and leave torque control. Never raises for what robot or controller do."""
         collecting = gc.isenabled()
         gc.disable()  # a collection in the middle of a tick is a tick that waits
         self._count_turn(1)

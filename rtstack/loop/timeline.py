@@ -8,14 +8,11 @@ PAUSE_NS = 5 * TICK_NS  # ours: the robot bridges it with the last torque, and g
 
 
 class Timeline:
-    """Times of one session. Arms by their place among the arms; all times are ns of int.
-
-    own_clocks: control boxes that count from anywhere. The second one's stamps are moved onto the first one's
-    time line by the difference of their first states. `skew_ns`: the largest distance of the arms' newest states since.
-
-    from_zero: all arms are of one robot that waits for its answer. How long it was idle before is the host's doing, so
-    that stamps are moved to count from the first state.
-    """
+    """Times of one session. Arms by their place among the arms; all times are ns of int. own_clocks: control boxes that
+    count from anywhere. The second one's stamps are moved onto the first one's time line by the difference of their
+    first states. `skew_ns`: the largest distance of the arms' newest states since. from_zero: all arms are of one robot
+    that waits for its answer. How long it was idle before is the host's doing, so that stamps are moved to count from
+    the first state."""
 
     def __init__(self, timing: NDArray[np.void], own_clocks: bool, from_zero: bool = False, arms: int = 2) -> None:
         """timing: the TIMING_SAMPLE (1,) to keep."""

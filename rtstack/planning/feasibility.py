@@ -87,9 +87,8 @@ def feasible(
 
 def _fastest(does: Callable[[int], bool], too_fast: int) -> float | None:
     """Return the fastest speed, m/s, that does; None where none does that is whole tenths slower, nor the slowest one.
-
-    does, too_fast: in hundredths of a m/s. Low speeds fail for other reasons: there is no bisection over all of them.
-    """
+    does, too_fast: in hundredths of a m/s. Low speeds fail for other reasons: there is no bisection over all of
+    them."""
     slowest, step = round(SLOWEST_M_S / FINE_M_S), round(COARSE_M_S / FINE_M_S)
     for good in (*range(too_fast - step, slowest, -step), slowest):
         if good < too_fast and does(good):
@@ -177,8 +176,7 @@ def check_motion(planned: PlannedMotion, description: CellDescription) -> None:
 
 
 def check_loads(planned: PlannedMotion, description: CellDescription) -> None:
-    """Refuse an impact that takes a joint's torque or velocity, the arm's power, or what the judge sees of the contact
-    beyond what is allowed."""
+    """Refuse an impact beyond what is allowed of torque, velocity, power, or what the judge sees of the contact."""
     thing = description.objects[planned.recording.object]
     give = planned.request.give or thing.give or STIFFEST
     for side, loads in impact_loads(planned, give, thing.mass).items():

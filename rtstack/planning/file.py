@@ -25,8 +25,7 @@ from rtstack.trials.record import cell_attachments, frames
 def write_plan(
     path: Path, planned: PlannedMotion, description: CellDescription, cell_file: Path, tuning: str | None = None
 ) -> None:
-    """Write the plan to `path`, which gets its name when the file is complete. tuning: of its monitor, TOML. Raises
-    LogError."""
+    """Write the plan to `path`, which gets its name when complete. tuning: of its monitor, TOML. Raises LogError."""
     load = planned.recording.load
     values = texts(planned.as_dict() | {"load": [] if load is None else load.tolist()})
     trial = {

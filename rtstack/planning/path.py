@@ -31,11 +31,9 @@ class ArmPath:
 
 def points_along(path: ArmPath, rotation: Array, t_s: Array, period_s: float) -> tuple[NDArray, Array]:
     """Return the points (n,) of POINT at the times t_s (n,), without feedforward, and accelerations (n, 7): of x, y, z
-    m/s^2, about them and of the posture's joint rad/s^2. rotation (3, 3): of a pad that has not turned.
-
-    Accelerations are those half a period later: a torque is held for a period, and what it stands for is the middle of
-    it. Half a millisecond of a grab's 5 m/s^2 is 0.6 % of its velocity, which feedback would have to take away again.
-    """
+    m/s^2, about them and of the posture's joint rad/s^2. rotation (3, 3): of a pad that has not turned. Accelerations
+    are those half a period later: a torque is held for a period, and what it stands for is the middle of it. Half a
+    millisecond of a grab's 5 m/s^2 is 0.6 % of its velocity, which feedback would have to take away again."""
     points = np.zeros(len(t_s), POINT)
     acceleration = np.zeros((len(t_s), 7))
     middle_s = t_s + period_s / 2.0

@@ -35,13 +35,11 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class PlannedMotion:
-    """A plan that may be run.
-
-    recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of each arm at the
-    same ticks; acceleration (arms, n, 7): of the pads along x, y and z m/s^2, about them and of the posture's joint
-    rad/s^2; force (arms, n, 3) N: what the pads are to exert; map: of the impact; velocities (arms, 3) m/s of the pads
-    after it, scaled; object_position (n, 3) m: where the object's centre is meant to be; sides: of the arms.
-    """
+    """A plan that may be run. recording: ante-impact points before the nominal impact, post-impact ones from it on;
+    joints: of each arm at the same ticks; acceleration (arms, n, 7): of the pads along x, y and z m/s^2, about them and
+    of the posture's joint rad/s^2; force (arms, n, 3) N: what the pads are to exert; map: of the impact; velocities
+    (arms, 3) m/s of the pads after it, scaled; object_position (n, 3) m: where the object's centre is meant to be;
+    sides: of the arms."""
 
     request: GrabPlan | PushPlan
     recording: Recording
@@ -59,8 +57,7 @@ class PlannedMotion:
         return planned_reference(self.recording)
 
     def torque(self, arm: int, ticks: slice = slice(None)) -> Array:
-        """Return what the joints of an arm, by its number, are to exert at these ticks, (n, 7) Nm, force on the object
-        included."""
+        """Return what the joints of an arm, by its number, are to exert at these ticks, (n, 7) Nm, object included."""
         motion = self.joints[arm]
         moving = np.einsum("nij,nj->ni", motion.M[ticks], motion.ddq[ticks]) + motion.bias[ticks]
         return moving + np.einsum("nij,ni->nj", motion.J[ticks, :3], self.force[arm][ticks])

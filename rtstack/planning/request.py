@@ -74,9 +74,7 @@ class GrabPlan:
 @checked(frozen=True, slots=True, config=STRICT)
 class PushPlan:
     """A hit-and-push by the left arm, away from it along y, while the right one gives way upwards. See GrabPlan.
-
-    travel: how far the object goes after the impact.
-    """
+    travel: how far the object goes after the impact."""
 
     speed: Speed = 0.5
     height: Length = 0.0

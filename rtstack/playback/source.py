@@ -104,7 +104,9 @@ class PlaybackSource(Watchdog):
         stamp, position, force = self._seen[side]
         self._t_s[side] = (int(stamp[0]) - self._start_ns[side]) * 1e-9
         self._write(side)
-        self._look(side, position)
+        for i, wanted in enumerate(self.points["position"][side, 0]):
+            self._three[i] = wanted - position[i]
+        self._largest_square = max(self._largest_square, _square(self._three))
         pressed = _square(force) > CONTACT_N * CONTACT_N
         self._pressed[side] = self._pressed[side] + 1 if pressed else 0
         if (arm.impact or self._pressed[side] >= CONTACT_TICKS) and not self.contact:
@@ -114,12 +116,6 @@ class PlaybackSource(Watchdog):
     def _write(self, side: int) -> None:
         follow(self._paces, self._t_s[side], self._moment)
         write_point(self._stations[side], self._moment, self._three, self._turn, self.points[side])
-
-    def _look(self, side: int, position: NDArray) -> None:
-        wanted = self.points["position"][side, 0]
-        for i in range(3):
-            self._three[i] = wanted[i] - position[i]
-        self._largest_square = max(self._largest_square, _square(self._three))
 
 
 def _square(three: NDArray) -> float:

@@ -102,14 +102,12 @@ class ReferenceError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The teleoperated part of a recording, one sample a tick.
-
-    points (arms, n) of POINT: measured pose, twist and posture, wanted wrench and posture acceleration; impact,
-    release: indices of the nominal impact T_r and the release. load (arms, 6) N, Nm: step of each arm's feedforward at
-    T_r (a plan). detected: index of the impact that was found; problem: why no reference can be made of it; measured
-    (arms, n) of MEASURED: also as planned. begin_s: cut off before the first sample; whole (arms, m) of POINT: without
-    cutting, for `patient`. hits: index of each pad's impact. None: not known, or not found.
-    """
+    """The teleoperated part of a recording, one sample a tick. points (arms, n) of POINT: measured pose, twist and
+    posture, wanted wrench and posture acceleration; impact, release: indices of the nominal impact T_r and the release.
+    load (arms, 6) N, Nm: step of each arm's feedforward at T_r (a plan). detected: index of the impact that was found;
+    problem: why no reference can be made of it; measured (arms, n) of MEASURED: also as planned. begin_s: cut off
+    before the first sample; whole (arms, m) of POINT: without cutting, for `patient`. hits: index of each pad's impact.
+    None: not known, or not found."""
 
     points: NDArray
     period_s: float

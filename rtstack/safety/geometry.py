@@ -62,8 +62,7 @@ def _point(local, turn, place, out):
 
 @compiled
 def segment_distance(a, b, c, d):
-    """Return the distance of the segments a b and c d, none of them a point (Ericson, Real-Time Collision Detection,
-    5.1.9)."""
+    """Return the distance of segments a b and c d, none a point (Ericson, Real-Time Collision Detection, 5.1.9)."""
     uu = uv = vv = ur = vr = 0.0
     for k in range(3):
         u, v, r = b[k] - a[k], d[k] - c[k], a[k] - c[k]

@@ -177,8 +177,7 @@ class SafetyJudge:
 def judges_of(
     limits: PairLimits, bases: Sequence[Base], tools: Sequence[Tool], profile: StopProfile | None = None
 ) -> tuple[SafetyJudge, ...]:
-    """Return the judge of each arm. Those of two arms watch each other: distance, silence, and that neither goes on
-    alone."""
+    """Return the judge of each arm. Two watch each other: distance, silence, and that neither goes on alone."""
     if len(limits) == 1:
         return (SafetyJudge(limits[0], bases[0], tools[0], profile),)
     pair = empty_memory(2)

@@ -74,17 +74,14 @@ class LimitWidened(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """The limits of the judge of one arm. Joints (7,); the box is of the pad's face in the world's frame.
-
-    Names that end in lower or min bound from below, upper and max from above. tau_J_max bounds the measured torque
-    (it swings above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
+    """The limits of the judge of one arm. Joints (7,); the box is of the pad's face in the world's frame. Names that
+    end in lower or min bound from below, upper and max from above. tau_J_max bounds the measured torque (it swings
+    above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
     controller's momentum residual, force_max the size of the robot's estimate of the pad's force; those with contact or
     approach in their name bound the same in these phases (ForcePhase), where they are smaller. power_max bounds the sum
     of |tau_J dq|'s balance, state_gap_max_s the robot's time between two states that differ, pair_skew_max_s the time
-    for which one arm is answered without a new state of the other.
-    arm: the model's own, for braking and the velocity limit near a position limit, which only a robot's own limits
-    tighten (within_own).
-    """
+    for which one arm is answered without a new state of the other. arm: the model's own, for braking and the velocity
+    limit near a position limit, which only a robot's own limits tighten (within_own)."""
 
     q_lower: Seven
     q_upper: Seven
@@ -164,7 +161,7 @@ class SafetyLimits:
         taken = {key: tuple(map(float, v)) if isinstance(v, list | tuple) else float(v) for key, v in table.items()}
         limits = replace(self, **taken)
         # each line of the controller's has to leave room for the other one
-        room = 2.0 * control_offset(limits) ** 2 / (2.0 * limits.arm.deceleration)
+        room = 2.0 * (limits.arm.velocity_offset + control_margin(limits)) ** 2 / (2.0 * limits.arm.deceleration)
         for low, high, least in (("q_lower", "q_upper", room), ("ee_lower", "ee_upper", np.zeros(3))):
             if not np.all(np.subtract(getattr(limits, high), getattr(limits, low)) > least):
                 raise LimitWidened(f"safety.{low}: {list(getattr(limits, low))} leaves no room below {high}")
@@ -230,18 +227,13 @@ def control_margin(limits: SafetyLimits) -> Array:
     return np.minimum(CONTROL_VELOCITY_MARGIN * limits.arm.dq_max, LARGEST_VELOCITY_SHARE * np.asarray(limits.dq_max))
 
 
-def control_offset(limits: SafetyLimits) -> Array:
-    """Return the velocity_offset (7,), rad/s, with which the controller's limit is the judge's less the margin."""
-    return limits.arm.velocity_offset + control_margin(limits)
-
-
 def control_limits(limits: SafetyLimits, period_s: float = CONTROL_PERIOD_S) -> NDArray[np.void]:
     """Return the controller's CONTROL_LIMITS (1,) inside the judge's `limits`."""
-    record = np.zeros(1, CONTROL_LIMITS)
+    record, margin = np.zeros(1, CONTROL_LIMITS), control_margin(limits)
     table = record[0]
     table["q_lower"], table["q_upper"] = limits.q_lower, limits.q_upper
-    table["dq_max"] = limits.dq_max - control_margin(limits)
-    table["velocity_offset"], table["deceleration"] = control_offset(limits), limits.arm.deceleration
+    table["dq_max"], table["velocity_offset"] = limits.dq_max - margin, limits.arm.velocity_offset + margin
+    table["deceleration"] = limits.arm.deceleration
     table["braking"], table["push_max"] = limits.braking, PUSH_SHARE * limits.braking
     table["tau_max"] = CONTROL_TORQUE_FRACTION * np.asarray(limits.tau_max)
     table["tau_J_max"] = CONTROL_MEASURED_FRACTION * np.asarray(limits.tau_J_max)

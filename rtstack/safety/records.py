@@ -49,8 +49,7 @@ MEMORY = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class StopProfile:
-    """How a stop brakes, each joint with SafetyLimits.braking, and then holds. reaction_s: until the first braking
-    torque."""
+    """How a stop brakes, by SafetyLimits.braking, then holds. reaction_s: until the first braking torque."""
 
     reaction_s: float = 2e-3
     # stiff enough to stay; the wrist damped critically with the smallest inertia that it can have (B_theta 0.067 and a

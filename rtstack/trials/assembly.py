@@ -36,10 +36,8 @@ _WARM: set[object] = set()  # (law, monitored, arms) whose code has run in this 
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """What a trial's monitor needs: its tuning, the expected impact, and the reaction to an unexpected one.
-
-    approach (2, 3): velocity of the pads at the nominal impact, m/s. start (2, 3): their first position, m. Both world.
-    """
+    """What a trial's monitor needs: its tuning, the expected impact, and the reaction to an unexpected one. approach
+    (2, 3): velocity of the pads at the nominal impact, m/s. start (2, 3): their first position, m. Both world."""
 
     tuning: PairParameters
     impact: ExpectedImpact
@@ -67,10 +65,7 @@ def default_parameters() -> Parameters:
 
 
 def cell_parameters(description: CellDescription) -> Parameters:
-    """Return the papers' numbers, with the cell's own gains, law and identified friction where it has them.
-
-    Raises ConfigurationError.
-    """
+    """Return the papers' numbers, with the cell's own gains, law and identified friction. Raises ConfigurationError."""
     friction = tuple(map(FrictionParameters.of, description.robots))
     parameters = with_law(replace(default_parameters(), friction=friction), description.gains.law_inertia)
     gains = {name: value for name, value in asdict(description.gains).items() if value is not None}
@@ -117,9 +112,7 @@ def safety_judges(cell: CellDescription, limits: PairLimits | None = None) -> tu
 @dataclass(frozen=True, slots=True)
 class ControllerRequest:
     """What a controller is made from: cell, parameters, and its arms, left before right, new for this session.
-
-    nominal_impact_s: of the reference, from its start. watched: None without a monitor.
-    """
+    nominal_impact_s: of the reference, from its start. watched: None without a monitor."""
 
     cell: CellDescription
     parameters: Parameters

@@ -52,13 +52,10 @@ def run_demonstration(
     context: RunContext = NO_CONTEXT, *, parameters: Parameters | None = None, script: Grab | None = None,
     way: StartMotion | None = None,
 ) -> DemonstrationResult:  # fmt: skip
-    """Run a scripted demonstration on an open cell. Closes the log, not the cell.
-
-    script: in the place of the specification's variation. way: the motion to home, carried out before the first tick.
-    """
-    check_two_arms(description, "a demonstration of a grab")
+    """Run a scripted demonstration on an open cell. Closes the log, not the cell. script: in the place of the
+    specification's variation. way: the motion to home, carried out before the first tick."""
+    prepare_demonstration(specification, description)
     parameters = with_law(parameters or cell_parameters(description), specification.law_inertia)
-    check_object(specification.object, description)
     arms = arm_controllers(description, parameters)
     period_s = parameters.control.period_s
     targets = scripted_targets(

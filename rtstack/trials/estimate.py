@@ -20,8 +20,8 @@ REST_SHARE = 0.75
 
 
 def resting_force(cell: Cell, description: CellDescription, looks: int = LOOKS) -> NDArray[np.float64]:
-    """Return the mean force (arms, 3) of each pad on its surroundings, N, world axes, over so many states.
-    HardwareError."""
+    """Return the mean force (arms, 3) of each pad on its surroundings over so many states, N, along the world's axes.
+    Raises HardwareError."""
     forces = np.zeros((len(cell.arms), 3))
     for _ in range(looks):
         for side, arm in enumerate(cell.arms):
@@ -44,8 +44,8 @@ def torque_offset(state: ArmState, model: ArmModel) -> tuple[NDArray[np.float64]
 
 
 def check_torques(cell: Cell, description: CellDescription) -> None:
-    """Raise TrialError for an arm at rest whose torques the judge would stop in the first tick. Raises
-    HardwareError."""
+    """Raise TrialError for an arm at rest whose torques the judge would stop in the first tick; HardwareError from the
+    arms."""
     arms = zip(cell.sides, cell.arms, description.arms, description.pads, limits_of_arms(description), strict=True)
     for side, arm, mounting, pad, limits in arms:
         off, said = torque_offset(arm.read(), ArmModel(mounting, pad))
@@ -61,11 +61,8 @@ def check_torques(cell: Cell, description: CellDescription) -> None:
 
 def check_estimate(cell: Cell, description: CellDescription, detector: DetectorParameters, detects: bool = True) -> str:
     """Look at the arms of an open cell at rest, before a motion; return in one line what is to be known, "" for
-    nothing.
-
-    The plant in this process begins with its first tick, and is not asked. detects: an impact is to be detected. Raises
-    TrialError where it cannot be, or where an arm feels so much that it would sink under our torque; HardwareError.
-    """
+    nothing. The plant in this process is not asked. detects: an impact is to be detected. Raises TrialError where it
+    cannot be, or where an arm feels so much that it would sink under our torque; HardwareError from the arms."""
     if cell.link is None:
         return ""
     check_torques(cell, description)

@@ -103,11 +103,9 @@ class Curve:
 @dataclass(frozen=True, slots=True)
 class Extraction:
     """t_s: times of the curves around the impact; velocity m/s and force N of each arm, by side; whole_*: of all of it.
-
     problem: why no reference can be made; the curves are empty then. detected_impact_s: None where none was found.
     Times are s since the recording's start; begin_s, end_s: what is used of it, and duration_s: how long that is.
-    remarks: what is good and bad about it as a reference.
-    """
+    remarks: what is good and bad about it as a reference."""
 
     duration_s: float
     object: str

@@ -93,8 +93,7 @@ class RunSamples(RunLog):
 
 
 class TrialLog(RunLog):
-    """A log that another process writes meanwhile. lockstep: the robot waits for its answer, so that the run may wait
-    for the log."""
+    """A log that another process writes meanwhile. lockstep: the robot waits, so that the run may wait for the log."""
 
     def __init__(
         self, path: Path, rings: Rings, process: LogProcess, lockstep: bool, cameras: Cameras | None = None
@@ -217,11 +216,9 @@ def open_log(
     campaign: Mapping[str, str] | None = None,
     operator: str = "",
 ) -> TrialLog:
-    """Start the log of a trial, with its reference's times and file if it has one. Raises LogError.
-
-    campaign: the metadata record of that name. operator: by whose order, in the record `trial`.
-    cell: tells whether its robot waits, and keeps a clock's pace; without it the name of one of our kinds does.
-    """
+    """Start the log of a trial, with its reference's times and file if it has one. Raises LogError. campaign: the
+    metadata record of that name. operator: by whose order, in the record `trial`. cell: tells whether its robot waits,
+    and keeps a clock's pace; without it the name of one of our kinds does."""
     lockstep = cell_kind.partition(":")[0] in LOCKSTEP_KINDS if cell is None else not cell.own_clocks
     timed = not lockstep or (cell is not None and cell.paced)
     metadata = {"trial": trial_metadata(specification, cell_kind, reference, timed, description.gains.law_inertia)}
@@ -307,7 +304,7 @@ def trial_metadata(
 
 
 def cell_attachments(cell_file: Path, description: CellDescription) -> list[Attachment]:
-    """Return the cell's file and its arms' URDFs as every log has them: MODEL.urdf, or SIDE_MODEL.urdf. Raises
+    """Return the cell's file and its arms' URDFs, MODEL.urdf or SIDE_MODEL.urdf, as each log has them. Raises
     OSError."""
     robots = description.robots
     models = {robots[0].name: robots[0]}

@@ -24,15 +24,13 @@ class Result:
 @dataclass(frozen=True, slots=True)
 class TrialResult(Result):
     """What came out of a trial. Times in s since the start of the trial, forces in N, None where nothing happened.
-
     average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
     alone. peak_torque_ratio and peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the
     object was held until release and no safety limit was hit; without a tracker (object_observed is false) that is told
-    from the pads. impact_verdict is expected, unexpected or none (not known
-    before the trial ended), None where no monitor judged; impact_reason is the first condition that was not met and
-    impact_kind what it probably was; impact_margin is 1 where all was as meant and negative beyond a bound.
-    real_time_factor: robot's seconds over the host's, from the first tick to the last, logging included.
-    """
+    from the pads. impact_verdict is expected, unexpected or none (not known before the trial ended), None where no
+    monitor judged; impact_reason is the first condition that was not met and impact_kind what it probably was;
+    impact_margin is 1 where all was as meant and negative beyond a bound. real_time_factor: robot's seconds over the
+    host's, from the first tick to the last, logging included."""
 
     controller: str
     object: str
@@ -83,10 +81,8 @@ class DemonstrationResult(Result):
 @dataclass(frozen=True, slots=True)
 class TeleoperationResult(Result):
     """What came out of a teleoperation. success: it ended as the operator wanted it, and the judge changed no torque.
-
-    recorded: it was meant as a recording, moved: the clutch was held. Whether a reference can be made from it is
-    found when it is read.
-    """
+    recorded: it was meant as a recording, moved: the clutch was held. Whether a reference can be made from it is found
+    when it is read."""
 
     object: str
     seed: int
@@ -104,9 +100,7 @@ class TeleoperationResult(Result):
 @dataclass(frozen=True, slots=True)
 class PlaybackResult(Result):
     """What came out of a playback. success: the log was played to its end, nothing was met, no torque was changed.
-
-    played_s: how far, s of the log's time, of duration_s; largest_error_mm: of a pad from where it was to be.
-    """
+    played_s: how far, s of the log's time, of duration_s; largest_error_mm: of a pad from where it was to be."""
 
     source: str
     speed: float
@@ -124,8 +118,7 @@ class PlaybackResult(Result):
 class PlacementResult(Result):
     """What came out of placing an object. carried: the motion went to its end. off_mm, off_deg: how far the object
     stands from where it was wanted, as the tracker sees it, None where it does not; short_x_mm, short_y_mm,
-    short_yaw_deg: the way from there to where it was wanted. peak_force_n: the largest estimated force on a pad.
-    """
+    short_yaw_deg: the way from there to where it was wanted. peak_force_n: the largest estimated force on a pad."""
 
     object: str
     x_mm: float

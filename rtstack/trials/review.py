@@ -24,9 +24,8 @@ from rtstack.trials.scoring import Score, SuccessCriterion, score
 class Review:
     """kind: trial or demonstration; recorded: the result in the log; score: the same from the samples, None for a
     demonstration; sides: of the arms that it has; first_contact_s: of each of them, s since the first sample; fault:
-    what ended the session,
-    where it was one; lateness: who was late, where each arm had a clock of its own. start_ns: robot's time of the first
-    message; time: how the robot's times are UTC, None where the log does not have it."""
+    what ended the session, where it was one; lateness: who was late, where each arm had a clock of its own. start_ns:
+    robot's time of the first message; time: how the robot's times are UTC, None where the log does not have it."""
 
     path: Path
     kind: str

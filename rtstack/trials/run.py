@@ -17,7 +17,7 @@ from rtstack.control.watch import TrialMonitor
 from rtstack.log.time_of_day import take_pair
 from rtstack.log.writing.job import Attachment, Evidence
 from rtstack.loop.end import End
-from rtstack.loop.fault import FailedQp, Fault
+from rtstack.loop.fault import Fault
 from rtstack.loop.history import Columns, History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Session, SessionOutcome, SessionPlan
@@ -51,7 +51,6 @@ NEWEST_TICKS = 4000  # of history, where a run has no length: a fault's last sec
 Kind = TypeVar("Kind", bound=Result)
 _PROPOSED = following(Strategy.PROPOSED)
 BEFORE_NS, AFTER_NS = 1_000_000_000, 100_000_000  # of the last second: the fault's tick, and how the stop begins
-_NPZ = "application/x-npz"
 ON_THE_WAY = "on the way to the start pose"
 START_MOTION = "start_motion.npz"  # arm and control (arms, n), timing (n,), as in last_second.npz
 ARRIVED_RAD = 0.02  # friction leaves less than 0.005
@@ -61,9 +60,24 @@ def evidence_of(fault: Fault, columns: Columns, solver: QpSolver) -> Evidence:
     """Return what the log keeps of a fault. columns: what the run has published, whatever the rings have lost of it.
     last_second.npz: arm and control (2, n), timing (n,) and object (m,), records of rtstack.samples, and t_ns, the
     fault's. qp.npz: min 1/2 x^T H x + g^T x, lower <= x <= upper, tau_lower <= M x <= tau_upper, x (7,) rad/s^2."""
-    attachments = [Attachment("last_second.npz", _NPZ, _last_second(fault.t_ns, columns))]
-    if fault.qp is not None:
-        attachments.append(Attachment("qp.npz", _NPZ, _qp(fault.qp, solver)))
+
+    def near(t_ns: Any) -> Any:
+        return (t_ns >= fault.t_ns - BEFORE_NS) & (t_ns <= fault.t_ns + AFTER_NS)
+
+    rows, seen = near(columns.timing["t_ns"]), near(columns.object["t_ns"])
+    attachments = [
+        _arrays(
+            "last_second.npz", arm=columns.arm[:, rows], control=columns.control[:, rows], timing=columns.timing[rows],
+            object=columns.object[seen], t_ns=fault.t_ns,
+        )
+    ]  # fmt: skip
+    if (qp := fault.qp) is not None:
+        problem = qp.problem[0]
+        attachments.append(_arrays(
+            "qp.npz", H=problem["H"], g=problem["gradient"], lower=problem["lower"], upper=problem["upper"],
+            M=problem["M"], tau_lower=problem["tau_lower"], tau_upper=problem["tau_upper"], x=problem["ddq"],
+            side=qp.side, status=qp.status.name, iterations=qp.iterations, solver=str(solver),
+        ))  # fmt: skip
     if fault.traceback:
         attachments.append(Attachment("traceback.txt", "text/plain", fault.traceback.encode()))
     trip = fault.trip
@@ -81,33 +95,10 @@ def evidence_of(fault: Fault, columns: Columns, solver: QpSolver) -> Evidence:
     return Evidence(record, tuple(attachments))
 
 
-def _last_second(t_ns: int, columns: Columns) -> bytes:
-    def near(times: Any) -> Any:
-        return (times >= t_ns - BEFORE_NS) & (times <= t_ns + AFTER_NS)
-
-    rows = near(columns.timing["t_ns"])
-    return _npz(
-        arm=columns.arm[:, rows],
-        control=columns.control[:, rows],
-        timing=columns.timing[rows],
-        object=columns.object[near(columns.object["t_ns"])],
-        t_ns=t_ns,
-    )
-
-
-def _qp(qp: FailedQp, solver: QpSolver) -> bytes:
-    problem = qp.problem[0]
-    return _npz(
-        H=problem["H"], g=problem["gradient"], lower=problem["lower"], upper=problem["upper"], M=problem["M"],
-        tau_lower=problem["tau_lower"], tau_upper=problem["tau_upper"], x=problem["ddq"], side=qp.side,
-        status=qp.status.name, iterations=qp.iterations, solver=str(solver),
-    )  # fmt: skip
-
-
-def _npz(**arrays: Any) -> bytes:
+def _arrays(name: str, **arrays: Any) -> Attachment:
     file = BytesIO()
     np.savez_compressed(file, **arrays)
-    return file.getvalue()
+    return Attachment(name, "application/x-npz", file.getvalue())
 
 
 class Run:
@@ -269,8 +260,8 @@ class Run:
             description.torque_filter.cutoff_hz, (*self._watchdogs, measured),
         )  # fmt: skip
         outcome, columns = session.run(), history.columns()
-        samples = _npz(arm=columns.arm, control=columns.control, timing=columns.timing)
-        self._keep_evidence(outcome, columns, Attachment(START_MOTION, _NPZ, samples))
+        samples = _arrays(START_MOTION, arm=columns.arm, control=columns.control, timing=columns.timing)
+        self._keep_evidence(outcome, columns, samples)
         if outcome.end is not End.COMPLETED:
             return outcome
         off = np.abs(columns.arm["q"][:, -1] - way.path.goal)

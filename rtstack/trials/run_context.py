@@ -48,13 +48,11 @@ class SoftStop(Protocol):
 @dataclass(frozen=True, slots=True)
 class RunContext:
     """What accompanies a run while the arms move. By default nothing: no log is written, and the run ends by itself.
-
     log: closed by the run, with the result in it; one that could not be finished fails the run, and the reason says so.
     live: rings for live viewers. stop: asked once a tick; the judge brakes at once. progress: called at times with the
     completed share of the run, 0 to 1. watchdogs: what has to give signs of life meanwhile, asked once a tick.
     run_observer: whose run_events go into the log, and who learns how the session ended. soft_stop: of a playback,
-    along its path. mailbox: where a teleoperation's targets come from.
-    """
+    along its path. mailbox: where a teleoperation's targets come from."""
 
     log: RunLog | None = None
     live: Rings | None = None

@@ -32,16 +32,12 @@ def pad_places(columns: Columns, bases: Bases) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class SuccessCriterion:
-    """A grab succeeds when the object follows the pads until release, and no safety limit was hit.
-
-    From the moment the pads have risen by `lifted_m`, the object's height over where it stood may be at most `slip_m`
-    below the pads' rise since the impact: half a pad's height less a margin, past which the pads' centres leave it.
-    A push succeeds when the object has gone `pushed_m` at least, and never `apart_m` more or less than the pad since
-    the impact.
-
-    In a cell without a tracker a grab is judged by the pads alone: while they are up, they are never `closer_m` nearer
-    to each other than when they have come up, and both feel `squeeze_n` at least, N, in the mean of 50 ms.
-    """
+    """A grab succeeds when the object follows the pads until release, and no safety limit was hit. From the moment the
+    pads have risen by `lifted_m`, the object's height over where it stood may be at most `slip_m` below the pads' rise
+    since the impact: half a pad's height less a margin, past which the pads' centres leave it. A push succeeds when the
+    object has gone `pushed_m` at least, and never `apart_m` more or less than the pad since the impact. In a cell
+    without a tracker a grab is judged by the pads alone: while they are up, they are never `closer_m` nearer to each
+    other than when they have come up, and both feel `squeeze_n` at least, N, in the mean of 50 ms."""
 
     lifted_m: float = 0.06
     slip_m: float = 0.04

@@ -49,12 +49,9 @@ def like(kind: type[T], /, *records: Any, **more: Any) -> T:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class _Asked:
-    """Base of all specifications. A value beyond a limit raises ValidationError.
-
-    kind: the kind of run in the log. verb: the kind of job that the robot process carries out. needs_object: the cell
-    is opened with `object`, which it must have. by_hand: a person pushes the arms; allowed in a fault. words, stem:
-    what title and log_stem are made of.
-    """
+    """Base of all specifications. A value beyond a limit raises ValidationError. kind: the kind of run in the log.
+    verb: the kind of job that the robot process carries out. needs_object: the cell is opened with `object`, which it
+    must have. by_hand: a person pushes the arms; allowed in a fault. words, stem: make title and log_stem."""
 
     kind: ClassVar[str]
     verb: ClassVar[str]
@@ -96,12 +93,10 @@ class _Asked:
 @checked(frozen=True, slots=True, config=MESSAGE)
 class TrialSpecification(_Asked):
     """One trial. reference: path of a recording or plan; controller: a name of rtstack.trials.controllers.
-
     displacement_mm, displacement_x_mm, yaw_deg: shift of the object along the world's y and x, and its turn about z, in
     the plant only: the controller does not receive them. safety: limits of the judge that this trial tightens further
     (rtstack.trials.tightening). reaction: to an unexpected impact. law_inertia: mass matrix of the controller's law;
-    None: the cell's. shadow: torques are computed, judged and logged on the states of the arms, and none is sent.
-    """
+    None: the cell's. shadow: torques are computed, judged and logged on the states of the arms, and none is sent."""
 
     kind = verb = "trial"
     words: ClassVar[str] = "{0.controller}, {0.object}, {0.displacement.in_words}, seed {0.seed}"
@@ -130,12 +125,9 @@ class TrialSpecification(_Asked):
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class DemonstrationSpecification(_Asked):
-    """One scripted demonstration. variation: a number; the variations differ like those of a person.
-
-    speed_m_s: of the pads at the object's surface, towards it. squeeze_m: depth inside the surface at which the hands
-    come to rest; squeeze_s: time from the surface to there. None: the variation's own. law_inertia: see
-    TrialSpecification.
-    """
+    """One scripted demonstration. variation: a number; the variations differ like those of a person. speed_m_s: of the
+    pads at the object's surface, towards it. squeeze_m: depth inside the surface at which the hands come to rest;
+    squeeze_s: time from the surface to there. None: the variation's own. law_inertia: see TrialSpecification."""
 
     kind = verb = "demonstration"
     words: ClassVar[str] = "{0.object}, variation {0.variation}, seed {0.seed}"
@@ -152,10 +144,8 @@ class DemonstrationSpecification(_Asked):
 @checked(frozen=True, slots=True, config=MESSAGE)
 class PlacementSpecification(_Asked):
     """Carry an object to a place. x_mm, y_mm, yaw_deg: of the place from the object's nominal one, about the world's z.
-
     aim_x_mm, aim_y_mm, aim_yaw_deg: how much further the arms carry it, for what an attempt before fell short. seed: of
-    a simulated cell.
-    """
+    a simulated cell."""
 
     kind: ClassVar[str] = "placement"
     verb: ClassVar[str] = "place"
@@ -197,9 +187,7 @@ class SweepSpecification(_Asked):
 @checked(frozen=True, slots=True, config=MESSAGE)
 class HitSpecification(_Asked):
     """One hit of a platform by a cell's only arm. plan: name of the planned hit; inclination_deg: of the platform.
-
-    robot: number of the simulated arm; seed: of noise and of how exactly the platform is set up.
-    """
+    robot: number of the simulated arm; seed: of noise and of how exactly the platform is set up."""
 
     kind = verb = "hit"
     needs_object: ClassVar[bool] = False
@@ -212,10 +200,8 @@ class HitSpecification(_Asked):
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class FreeRunSpecification(_Asked):
-    """One run along a part of a planned reference without an object, to measure the remaining friction.
-
-    reference: its name; part: ante or post; seed: of the noise; robot: number of the simulated arms.
-    """
+    """One run along a part of a planned reference without an object, to measure the remaining friction. reference: its
+    name; part: ante or post; seed: of the noise; robot: number of the simulated arms."""
 
     kind = verb = "identification"
     needs_object: ClassVar[bool] = False
@@ -230,9 +216,7 @@ class FreeRunSpecification(_Asked):
 @checked(frozen=True, slots=True, config=MESSAGE)
 class TeleoperationSpecification(_Asked):
     """An operator moves the arms by hand. recorded: keep it as a recording; job: the number in the operator's targets.
-
-    stop_on_release: releasing the clutch ends it.
-    """
+    stop_on_release: releasing the clutch ends it."""
 
     verb: ClassVar[str] = "teleoperation"
     stem: ClassVar[str] = "{0.kind}-{0.object}"
@@ -262,10 +246,8 @@ class TeleoperationSpecification(_Asked):
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class PlaybackSpecification(_Asked):
-    """A log played on the arms, at `speed` times its own speed. source: its path, digest: SHA-256 of that file.
-
-    object: empty: a playback has no contact.
-    """
+    """A log played on the arms, at `speed` times its own speed. source: its path, digest: SHA-256 of that file. object:
+    empty: a playback has no contact."""
 
     kind = verb = "playback"
     needs_object: ClassVar[bool] = False
@@ -352,10 +334,8 @@ _LOGGED: dict[str, TypeAdapter[Any]] = {
 
 
 def specification_of(record: Mapping[str, str]) -> Specification:
-    """Return the specification in a log's metadata record `trial`. Raises TrialError with one line.
-
-    A log that names no law was made with M+B_theta; other missing keys have the defaults.
-    """
+    """Return the specification in a log's metadata record `trial`. Raises TrialError with one line. A log that names no
+    law was made with M+B_theta; other missing keys have the defaults."""
     adapter = _LOGGED.get(record.get("kind", ""))
     if adapter is None:
         raise TrialError(f"the log's kind is {record.get('kind', 'unknown')}, which has no specification")

@@ -53,8 +53,7 @@ _STEEPEST, _MOST_CURVED = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 
 @dataclass(frozen=True, slots=True)
 class JointPath:
-    """A way in joint space for all arms, straight, from rest to rest, arriving at the same time. start, goal (arms, 7):
-    rad."""
+    """A straight way in joint space for all arms, from rest to rest, arriving together. start, goal (arms, 7): rad."""
 
     start: Array
     goal: Array

@@ -27,8 +27,7 @@ class _File:
 
 
 def load_tightening(path: Path) -> Tightening:
-    """Read the table `[safety]` of a TOML, spelt as in a cell's; `limits_of_arms` checks it. Raises
-    ConfigurationError."""
+    """Read the table `[safety]` of a TOML, spelt as a cell's; `limits_of_arms` checks it. Raises ConfigurationError."""
     table = load_toml(path, _File).safety
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in sorted(table.items()))
 

@@ -40,11 +40,9 @@ from rtstack.trials.tightening import limits_of_arms
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrial(PreparedRun[TrialResult]):
-    """A trial whose reference was read and checked; no cell and no log is open yet.
-
-    monitor: None if the object, or the plan, has no tuning. tuned_by: the user's own file of the tuning, if it is one.
-    criterion: of a success, by default the paper's. whole_reference: attach the reference's file to the log.
-    """
+    """A trial whose reference was read and checked; no cell and no log is open yet. monitor: None if the object, or the
+    plan, has no tuning. tuned_by: the user's own file of the tuning, if it is one. criterion: of a success, by default
+    the paper's. whole_reference: attach the reference's file to the log."""
 
     specification: TrialSpecification
     parameters: Parameters
@@ -95,11 +93,9 @@ def prepare_trial(
     parameters: Parameters | None = None,
     monitor: PairParameters | None = None,
 ) -> PreparedTrial:
-    """Read and check what a trial needs. monitor: by default what the plan brings, or the object's tuning.
-
-    The result's specification names the inertia of the law, also where the cell or `parameters` decided. Raises
-    TrialError with one line, also for a reaction that nothing could start.
-    """
+    """Read and check what a trial needs. monitor: by default what the plan brings, or the object's tuning. The result's
+    specification names the inertia of the law, also where the cell or `parameters` decided. Raises TrialError with one
+    line, also for a reaction that nothing could start."""
     parameters = with_law(parameters or cell_parameters(description), specification.law_inertia)
     specification = replace(specification, law_inertia=parameters.inertia.law_inertia)
     check_object(specification.object, description)
@@ -160,10 +156,8 @@ def run_trial(
     prepared: PreparedTrial, cell: Cell, context: RunContext = NO_CONTEXT, *, way: StartMotion | None = None,
     criterion: SuccessCriterion | None = None,
 ) -> TrialResult:  # fmt: skip
-    """Run a prepared trial on an open cell. The caller closes the cell; the context's log is closed here.
-
-    way: the motion to the start of the reference, carried out before its first tick.
-    """
+    """Run a prepared trial on an open cell. The caller closes the cell; the context's log is closed here. way: the
+    motion to the start of the reference, carried out before its first tick."""
     specification, reference = prepared.specification, prepared.reference
     parameters = with_law(prepared.parameters, specification.law_inertia)
     control = parameters.control

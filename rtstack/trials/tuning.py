@@ -1,10 +1,9 @@
 """The monitor's parameters from recorded good runs and one wanted sensitivity. Deterministic; the paper tunes by hand.
 
-Sensitivity s: what deviates s times as much as the worst of the good runs is unexpected. Every bound is that worst
-deviation times s, found one after the other: first what counts as an impact (9), where every joint's noise is to stay
-below its bound by s twice, since all the others are taken at impacts; then (10), (11) and the pair's; then the margin
-of the envelopes (17), with the delay (18) after which it no longer gains much by waiting; then the net force of both
-pads. Window, decay, horizon and spacing are the paper's (Table 2).
+Every bound is the worst deviation of the good runs times the sensitivity s, found one after the other: first what
+counts as an impact (9), where each joint's noise stays below its bound by s twice, since the others are taken at
+impacts; then (10), (11) and the pair's; then the margin of the envelopes (17), with the delay (18) after which waiting
+gains little; then the pads' net force. Window, decay, horizon and spacing are the paper's (Table 2).
 """
 
 from collections.abc import Sequence
