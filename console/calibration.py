@@ -1,7 +1,6 @@
 """A cell's calibration as the page leads a person through it: points that are taken from the live states, and the fit.
 
-The points are in a file of `rtstack calibrate`, beside the logs; the fit is rtstack.calibration's, in a process of its
-own, so that the page's signs of life are not late.
+The points are in a file of `rtstack calibrate`, beside the logs; a process of its own makes the fit.
 """
 
 import datetime

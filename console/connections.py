@@ -1,8 +1,7 @@
 """Which connections stay when a program opens more of them than there is room for.
 
 A connection is a stranger's until a request on it shows a session. Strangers make room for newer ones: of the address
-that has most, the oldest first. A request that has arrived is read long before its connection makes room, so that STOP
-has a way. The connections of sessions stay. The kernel keeps a client that sends nothing: it takes no descriptor.
+that has most, the oldest first, long after its request was read, so that STOP has a way. Sessions' connections stay.
 """
 
 import errno

@@ -1,7 +1,5 @@
-"""What HTTP asks for: the specifications of rtstack.trials.specification, with what differs in a body.
-
-A body names a log by its id where the specification has a path, names its object, and has no key for what the console
-or the robot process fills in, or for what a file alone may say. Everything else is the specification's.
+"""What HTTP asks for: the specifications of rtstack.trials.specification. A body names a log by its id, not by a path,
+names its object, and has no key for what the console, the robot process or a file fills in.
 """
 
 from dataclasses import field

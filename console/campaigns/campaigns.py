@@ -1,7 +1,4 @@
-"""The campaigns under LOGS/campaigns, and the one that runs: started, watched, ended as at Ctrl-C, resumed.
-
-A campaign is a child process of the console, at low priority, and never part of the robot process. One at a time.
-"""
+"""The campaigns under LOGS/campaigns: one at a time is a child process of the console, at low priority."""
 
 import os
 import signal

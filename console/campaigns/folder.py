@@ -1,7 +1,4 @@
-"""A campaign's folder as `rtstack campaign` leaves it: how far it is, its results, figures and report.
-
-Read only, while the campaign writes. Beside the folder stand NAME.json, what was asked, and NAME.txt, what it has said.
-"""
+"""A campaign's folder as `rtstack campaign` leaves it, read only. Beside it: NAME.json, what was asked; NAME.txt."""
 
 import hashlib
 import json

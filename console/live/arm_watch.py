@@ -108,10 +108,7 @@ class ArmWatch:
 def in_world(
     base: Frame, record: Any, before: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where a pad is, (7,) m and wxyz, and the force on it, (3,) N, in the world. record: of ARM_SAMPLE.
-
-    before: where it was, so that the quaternion's sign is kept.
-    """
+    """Return a pad's pose (7,), m, wxyz with the sign of `before`, and its force (3,), N, in the world."""
     frame, pose = record["O_T_EE"], np.zeros(7) if before is None else before.copy()
     pose[:3] = base.translation + base.rotation @ frame[:3, 3]
     quaternion_from_rotation(np.ascontiguousarray(base.rotation @ frame[:3, :3]), pose[3:])

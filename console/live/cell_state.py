@@ -1,7 +1,5 @@
-"""One word for the whole cell: what the top bar of each page says, from the status and from what the arms show.
-
-The phase of the arming says what is allowed; this says what is so. A job that is prepared moves nothing, a motion may
-stand still, and arms that are disarmed may hold an object.
+"""One word for the whole cell, in each page's top bar. The phase of the arming says what is allowed; this what is so:
+a job that is prepared moves nothing, and arms that are disarmed may hold an object.
 """
 
 from collections import deque

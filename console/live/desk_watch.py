@@ -1,7 +1,4 @@
-"""What Desk of each control box says, as far as it may be read without a password; asked every two seconds.
-
-The console changes nothing there: that is a person's, with `rtstack desk`, who also says which certificates count.
-"""
+"""What Desk of each control box says, as far as it may be read without a password; asked every two seconds."""
 
 import threading
 from collections.abc import Mapping

@@ -1,9 +1,7 @@
 """The live data for Foxglove: the topics of the log, from the live rings, over Foxglove's own WebSocket protocol.
 
-Our own few lines of it instead of the SDK's server, which would be a second open port without a sign-in. Watching
-only: what a client sends beside subscriptions is passed over. Samples are thinned to 100 Hz: the log has all of them.
-The robot's clock is told (capability `time`), since stamps are the robot's, and begin again where a simulated cell is
-opened again: by the host's clock Foxglove would go on showing the pose with the largest stamp.
+The SDK's server would be a second open port without a sign-in. Watching only, thinned to 100 Hz. The robot's clock is
+told (capability `time`), since stamps are the robot's, and begin again where a simulated cell is opened again.
 https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md
 """
 

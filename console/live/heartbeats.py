@@ -1,7 +1,4 @@
-"""Heartbeats: the console's own, and those of the operators whose pages and programs send messages.
-
-The console's event loop gives both: while it does not respond, neither the console nor its operators count as present.
-"""
+"""Heartbeats: the console's own, and its operators'. While its event loop does not respond, there are neither."""
 
 import asyncio
 import time

@@ -1,7 +1,4 @@
-"""What to do about a fault: the runbook's page "Recovery by error", read once and looked up by a fault's reason.
-
-`recovery.md` is a link to that page in the documentation, so that it goes with the package: one text, in both places.
-"""
+"""What to do about a fault: the runbook's page "Recovery by error", to which `recovery.md` is a link."""
 
 import re
 from dataclasses import dataclass

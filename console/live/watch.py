@@ -1,7 +1,4 @@
-"""What the robot last said, and how old that is: two threads that watch the rings and the robot process.
-
-A page never guesses: every number here comes from a record, and its age is counted from when a new one was seen.
-"""
+"""What the robot last said, and how old that is: two threads that watch the rings and the robot process."""
 
 import threading
 import time

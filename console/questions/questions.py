@@ -1,7 +1,4 @@
-"""Questions about logs that take seconds: answered by processes of their own, two at a time, and remembered.
-
-A question that waits for its turn is dropped where its file has changed meanwhile.
-"""
+"""Questions about logs that take seconds: answered by processes of their own, two at a time, and remembered."""
 
 import json
 import pickle

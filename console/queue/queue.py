@@ -1,7 +1,4 @@
-"""The queue: entries in order, and on whose word it runs. Decides nothing about motion: see console.queue.runner.
-
-Its file in the folder of logs is written whole or not at all, so that a restart finds what there was.
-"""
+"""The queue: entries in order, in a file, and on whose word it runs. It orders nothing: see console.queue.runner."""
 
 import json
 import secrets

@@ -1,8 +1,6 @@
 """Orders the queue's trials one after the other, on the word of who has started it, and pauses it when in doubt.
 
-What may move is decided in the robot process alone: an order here carries the operator's name, as a page's does, and
-is refused there without lease and arming. This thread only stops asking: when its operator no longer has control,
-when the arms are not armed, after a fault, a STOP, a failed trial, and where the robot process does not answer.
+What may move is decided in the robot process alone: an order here carries the operator's name, as a page's does.
 """
 
 import contextlib

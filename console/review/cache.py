@@ -1,7 +1,7 @@
 """Which logs have columns, who makes them, and which make room: one folder a log, the least recently opened goes first.
 
-A folder is named after the log's id, size and time of change, so that a log that has changed is read anew. What a
-process that has gone has left unfinished is begun again; another console's reader is waited for.
+A folder is named after the log's id, size and time of change. What a process that has gone has left unfinished is
+begun again.
 """
 
 import contextlib
@@ -57,10 +57,7 @@ class ReviewCache:
         return None
 
     def open(self, entry: LogEntry) -> LogColumns | None:
-        """Return a log's columns as far as they are, None until the first of them is there. Never waits.
-
-        Starts their conversion where none runs.
-        """
+        """Return a log's columns as far as they are, None before; start their conversion. Never waits."""
         key = f"{entry.id}-{entry.size_bytes}-{int(entry.modified_s * 1e9)}"
         folder = self._directory / key
         with self._lock:

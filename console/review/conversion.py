@@ -1,6 +1,4 @@
-"""A process of its own: reads a log once, from its start to its end, and writes its columns.
-
-    python -m console.review.conversion LOG.mcap FOLDER
+"""A process of its own that reads a log once and writes its columns: python -m console.review.conversion LOG FOLDER
 
 The index in the folder grows with every batch, so that a page shows the beginning while the rest is being read.
 """
@@ -48,10 +46,7 @@ def _mark(record: Any, start_ns: int) -> Mark:
 
 
 def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) -> Index:
-    """Write the columns of a log into an existing folder, and its index after each batch. Raises LogError, OSError.
-
-    begun: called once, when the first part can be seen.
-    """
+    """Write a log's columns and index into a folder; call `begun` once a part is there. Raises LogError, OSError."""
     sides = log.sides
     no_arm = tuple(f"/{side}/" for side in SIDES if side not in sides)
     topics = [topic for topic in CURVES if not topic.startswith(no_arm)]

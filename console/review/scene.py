@@ -1,7 +1,5 @@
-"""Scenes of the review: apart from the live one, so that a review never touches it, and each page sees its own cursor.
-
-One server a detail draws the cell's stage for everybody; arms and object are drawn for each page alone. A page names
-itself by a key in its address (`view`), which our proxy hands on with the secret header.
+"""Scenes of the review: one server a detail draws the stage for all pages, arms and object for each page alone. A
+page names itself by a key in its address (`view`), which our proxy hands on with the secret header.
 """
 
 from collections import OrderedDict
@@ -23,10 +21,7 @@ _REMEMBERED = 64  # pages whose last pose is kept for when their scene connects,
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where everything is: q (arms, 7) rad, the object's name, its pose (7,) m and wxyz; None: not known.
-
-    sides: of the arms, None for those of the cell.
-    """
+    """q (arms, 7) rad of the arms at `sides`, None: the cell's; the object's name and pose (7,), m, wxyz, if known."""
 
     q: NDArray[np.float64] | None
     object: str

@@ -1,8 +1,7 @@
 """Curves for a window of time, at most so many points as the window has pixels, and values at a moment.
 
-A bucket of samples becomes its smallest and its largest value, never a mean and never one in n: an impact of one
-sample is seen at every zoom. Buckets are counted from the log's first sample, so that a curve does not flicker when
-the window moves.
+A bucket of samples, counted from the log's first, becomes its smallest and its largest value, never a mean and never
+one in n: an impact of one sample is seen at every zoom.
 """
 
 import json
@@ -178,8 +177,7 @@ def moment(log: LogColumns, signals: Sequence[Signal], t_s: float) -> Moment:
 
 @dataclass(frozen=True, slots=True)
 class Tabled:
-    """A log in a table: its columns, what goes in front of its signals' names, what is added to its time, s, and how
-    its times are UTC."""
+    """A log in a table: columns, prefix of its signals' names, what is added to its time, s, and its times' UTC."""
 
     log: LogColumns
     prefix: str = ""
@@ -188,8 +186,7 @@ class Tabled:
 
 
 def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float, end_s: float) -> Iterator[str]:
-    """Yield a table of every sample in a window: t_s, the first log's UTC, and each log's signals; empty where one has
-    none at that time."""
+    """Yield a table of every sample in a window: t_s, the first log's UTC, and each log's signals, empty for none."""
     yield ",".join(["t_s", "utc", *(f"{log.prefix}{signal.name}" for log in logs for signal in signals)]) + "\n"
     cells = [(_rows_in_window(log, signal.topic, start_s, end_s), signal) for log in logs for signal in signals]
     times = np.unique(np.concatenate([rows[1] for rows, _ in cells if rows is not None] or [np.zeros(0, np.int64)]))

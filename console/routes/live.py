@@ -1,10 +1,7 @@
 """The robot: its status, its modes' names; the live state, pushed to the page 20 times a second, and its answers.
 
-A page answers each view that it has shown: that is its operator's sign of life. It needs no timer, which a browser
-slows down in a hidden tab, and a page that is closed, frozen or broken gives none. STOP comes by this way, too: it is
-open already where a new connection has to wait.
-
-Foxglove has a WebSocket of its own, and the guard has let in who knows its address.
+A page answers each view that it has shown: that is its operator's sign of life, without a timer. STOP comes by this
+way, too: it is open already where a new connection has to wait.
 """
 
 import asyncio

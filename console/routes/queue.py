@@ -1,8 +1,4 @@
-"""The queue of trials. What leads to motion needs the lease; pausing needs none.
-
-A viewer may only watch: pausing decides about an experiment, so it needs the scope `operate`. A viewer's
-STOP works, and pauses the queue too: it stops the trial, and disarms the arms.
-"""
+"""The queue of trials. What leads to motion needs the lease, pausing the scope `operate`; any STOP pauses it too."""
 
 import time
 from typing import Annotated

@@ -1,7 +1,4 @@
-"""Teleoperation: a WebSocket and plain requests. A program moves the arms in the same way as the page.
-
-docs/howto/teleoperation.md has the messages and their stamps.
-"""
+"""Teleoperation: a WebSocket and plain requests, for programs and pages alike (docs/howto/teleoperation.md)."""
 
 import asyncio
 import contextlib

@@ -1,7 +1,4 @@
-"""A motion that is shown and does not take place: a trial that was simulated first, or the last one's hit, slowly.
-
-It is drawn as a ghost in the live scene, for all who look, and ends at once when anything moves.
-"""
+"""A motion that is shown, and ends at once when anything moves: a trial that was simulated, or the last hit, slowly."""
 
 import threading
 import time

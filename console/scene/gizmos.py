@@ -1,7 +1,5 @@
-"""What is asked for, what the arms were told, and what the pads feel, in the scene: three things that are never one.
-
-The gizmo and the wire pad are the request; the pad of the mode's colour is the filtered command, as the loop says it;
-the arm itself is the measured robot. World frame.
+"""What is asked for (gizmo and wire pad), what the arms were told (the pad of the mode's colour: the filtered command),
+and what the pads feel, in the scene. World frame.
 """
 
 import numpy as np

@@ -1,7 +1,6 @@
-"""The arm's shape for drawing: meshes where the model has some that are installed, plain capsules otherwise.
+"""The arm's shape for drawing: meshes of the package example-robot-data where it is installed, else plain capsules.
 
-Source of the meshes: the package example-robot-data, in the folder that the model names (key `meshes` of its TOML): a
-Panda's fit the FR3. Of its Collada files are read: triangles, one transform a node, one diffuse colour a material.
+Of its Collada files are read: triangles, one transform a node, one diffuse colour a material.
 """
 
 import sysconfig
@@ -66,9 +65,7 @@ def hull_parts(model: RobotModel, link: str) -> list[Part]:
 
 
 def coarse(part: Part, cell_m: float) -> Part:
-    """Return a part whose vertices in each cube of cell_m are one, in their middle (vertex clustering, Rossignac 1993),
-    without faces that have become lines, or that lie on another one.
-    """
+    """Return a part with one vertex in each cube of cell_m, amid its own (vertex clustering, Rossignac 1993)."""
     cells, cluster = np.unique(np.floor(part.vertices / cell_m).astype(np.int64), axis=0, return_inverse=True)
     cluster = cluster.reshape(-1)
     count = np.bincount(cluster, minlength=len(cells))

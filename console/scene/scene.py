@@ -131,9 +131,7 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
 
 
 class CellFigures:
-    """What moves: the arms and the object, in the scene of a server or of one client. full: with visual meshes and
-    shadows; ghost: drawn as one, in the light way.
-    """
+    """The arms and the object in a scene. full: with visual meshes and shadows; ghost: drawn as one, light."""
 
     def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool, ghost: Ghost = SOLID) -> None:
         self._root = None if ghost is SOLID else scene.add_frame(ghost.path, show_axes=False)

@@ -1,7 +1,6 @@
 """What input devices say, as requests: (arms, 7), position m and quaternion wxyz, in the world; how one leads another.
 
-A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. `Grips` keeps where
-what leads the pads, and the pads, were when it began to, and the drags to undo.
+A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections.
 """
 
 from collections import deque
@@ -33,10 +32,7 @@ class Coupling(StrEnum):
 
 
 def led(poses: Array, side: int, shift: Array, turn: Array, coupling: Coupling) -> Array:
-    """Return the poses after the hand `side` was shifted by (3,), m, and turned by a quaternion, in the world.
-
-    side: its place in the arrays; a coupling other than SEPARATE is of two hands.
-    """
+    """Return the poses after the hand `side` was shifted by (3,), m, and turned by a quaternion, in the world."""
     moved = poses.copy()
     if coupling is Coupling.LINKED:
         centre, rotation = poses[:, :3].mean(axis=0), Rotation.from_quat(turn, scalar_first=True)

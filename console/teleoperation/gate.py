@@ -57,9 +57,7 @@ class Admission:
 
 @dataclass(slots=True)
 class _Sender:
-    """The newest command's number and its time, and the limits of console's time minus sender's, of the last generation
-    and this one; ns.
-    """
+    """The newest command's number and time, and the limits of our time minus its sender's, of two generations; ns."""
 
     began_ns: int
     sequence: int = -1

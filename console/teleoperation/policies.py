@@ -4,8 +4,7 @@ from collections import Counter
 
 
 class Policies:
-    """leads: the name of the policy that has the lease, None for none. refused: why its newest answer is not followed,
-    or why it has ended. Not for two threads at a time."""
+    """leads: the policy with the lease; refused: why its answer is not followed, or it ended. Not for two threads."""
 
     def __init__(self) -> None:
         self.leads: str | None = None

@@ -150,10 +150,7 @@ class TeleopInput:
             self._write(job=job.number, clutch_ns=self._made_ns(made_ns))
 
     def grip(self, operator: str, made_ns: int | None = None) -> None:
-        """Say that a mouse button is down in the scene: while a gizmo is dragged by it, it holds the clutch.
-
-        It has to be said again, as the clutch does. Raises RobotRefused as `press` does.
-        """
+        """Say that a mouse button is down: a drag by it holds the clutch. Raises RobotRefused as `press`."""
         with self._lock:
             self._check_holder(operator)
             self._grip = operator, self._made_ns(made_ns)

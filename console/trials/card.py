@@ -1,8 +1,4 @@
-"""The card of a trial: how it ended, in a word and a sentence; three numbers beside earlier trials'; its impact.
-
-The numbers are what impact-aware grasping is about: how hard the hit was, what the contact cost on average (the paper's
-measure), and how far the hit threw the pads off their way.
-"""
+"""The card of a trial: how it ended, in a word and a sentence; three numbers beside earlier trials'; its impact."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

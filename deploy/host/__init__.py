@@ -1,4 +1,1 @@
-"""Sets a PC up for two real arms: a plan of changes, shown or applied, and taken back to the byte.
-
-machine -> changes -> plan, journal. Standard library only, and none of our packages.
-"""
+"""Sets a PC up for two real arms: a plan of changes, shown or applied, and taken back to the byte."""

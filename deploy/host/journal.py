@@ -69,10 +69,7 @@ class Journal:
                 yield change
 
     def undo(self, force: bool = False) -> Iterator[str]:
-        """Put back what was there, newest change first; yields a line for each. Raises HostSetupError.
-
-        force: also where a file was changed since.
-        """
+        """Put back what was there, newest first; yield a line each. force: changed files too. Raises HostSetupError."""
         entries = self.entries
         if not force:
             self._refuse_changed(entries)

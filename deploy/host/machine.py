@@ -48,16 +48,6 @@ class Machine:
         return sorted("/" + str(path.relative_to(self.root)) for path in self.root.glob(pattern.lstrip("/")))
 
     @property
-    def cpus(self) -> list[int]:
-        """The CPUs that are online. Raises HostSetupError where the machine does not say."""
-        return cpu_list(self.text("/sys/devices/system/cpu/online"))
-
-    @property
-    def realtime_kernel(self) -> bool:
-        """Whether a PREEMPT_RT kernel runs."""
-        return self.text("/sys/kernel/realtime") == "1"
-
-    @property
     def groups(self) -> dict[str, list[str]]:
         """Members of each group in /etc/group."""
         rows = [line.split(":") for line in self.text("/etc/group").splitlines()]

@@ -70,7 +70,8 @@ class SetupPlan:
 
 def make_plan(machine: Machine, wishes: Wishes) -> SetupPlan:
     """Return what has to change. Raises HostSetupError where a wish cannot be met."""
-    cpus = machine.cpus
+    cpus = cpu_list(machine.text("/sys/devices/system/cpu/online"))
+    realtime = machine.text("/sys/kernel/realtime") == "1"
     count = (1 if len(cpus) >= 4 else 0) if wishes.isolate is None else wishes.isolate
     if count < 0 or count > len(cpus) - 2:
         raise HostSetupError(f"--isolate {count}: this machine has {len(cpus)} CPUs, and needs two for everything else")
@@ -79,8 +80,8 @@ def make_plan(machine: Machine, wishes: Wishes) -> SetupPlan:
     kept = [cpu for cpu in cpus if cpu not in isolated]
     changes = [
         *_account(machine, wishes),
-        *_kernel(machine, wishes, notes),
-        *_isolation(machine, kept, isolated, wishes.kernel == "generic", notes),
+        *([] if realtime else _kernel(machine, wishes, notes)),
+        *_isolation(machine, kept, isolated, wishes.kernel == "generic" and not realtime, notes),
         *_interfaces(machine, wishes, notes),
         *_boot(machine, wishes, kept[-1], isolated),
         *_units(machine, wishes, cpus, isolated),
@@ -115,24 +116,19 @@ def _account(machine: Machine, wishes: Wishes) -> list[Change]:
         if user not in machine.users:
             raise HostSetupError(f"--user {user}: there is no such user on this machine")
         if user not in machine.groups.get(ACCOUNT, []):
-            changes.append(
-                Command(("gpasswd", "--add", user, ACCOUNT), ("gpasswd", "--delete", user, ACCOUNT),
-                        f"{user} may run the stack at a terminal, after the next login")
-            )  # fmt: skip
+            add, delete = (("gpasswd", f"--{verb}", user, ACCOUNT) for verb in ("add", "delete"))
+            changes.append(Command(add, delete, f"{user} may run the stack at a terminal, after the next login"))
     limits = f"{_OURS}@{ACCOUNT} - rtprio {PRIORITY}\n@{ACCOUNT} - memlock unlimited\n"
     return changes + _file(machine, LIMITS, limits, "SCHED_FIFO and mlockall for the group: late ticks without them")
 
 
 def _kernel(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
-    if machine.realtime_kernel:
-        return []
     if wishes.kernel == "generic":
         notes.append(GENERIC_COST)
         return []
     found = re.search(r"^ID=\"?([a-z]+)", machine.text("/etc/os-release"), re.MULTILINE)
-    distribution = found[1] if found else ""
-    package = _KERNEL.get(distribution)
-    if distribution == "ubuntu":
+    package = _KERNEL.get(found[1] if found else "")
+    if found and found[1] == "ubuntu":
         notes.append(
             "kernel: Ubuntu's real-time kernel comes with a Pro subscription, which is yours to attach: "
             "`sudo pro attach`, `sudo pro enable realtime-kernel`, then restart"
@@ -150,7 +146,7 @@ def _kernel(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
 
 
 def _isolation(machine: Machine, kept: list[int], isolated: list[int], generic: bool, notes: list[str]) -> list[Change]:
-    options = ["preempt=full"] if generic and not machine.realtime_kernel else []
+    options = ["preempt=full"] if generic else []
     if isolated:
         mine = cpu_text(isolated)
         options += [f"isolcpus=managed_irq,domain,{mine}", f"nohz_full={mine}", f"rcu_nocbs={mine}"]
@@ -207,10 +203,11 @@ def _interfaces(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Chan
 
 def _boot(machine: Machine, wishes: Wishes, irq_cpu: int, isolated: list[int]) -> list[Change]:
     """Governor, sleep and interrupts: now by knobs, and after each start by a unit."""
-    why = "no CPU has to speed up first; costs power"
-    knobs = [
-        (path, "performance", why) for path in machine.names("/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor")
-    ]
+    why, governors = (
+        "no CPU has to speed up first; costs power",
+        "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
+    )
+    knobs = [(path, "performance", why) for path in machine.names(governors)]
     lines = ["for governor in /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor; do",
              '    [ -w "$governor" ] && echo performance > "$governor"', "done"]  # fmt: skip
     for cpu in sorted({irq_cpu, *isolated}):
@@ -232,8 +229,8 @@ def _boot(machine: Machine, wishes: Wishes, irq_cpu: int, isolated: list[int]) -
                   '    for task in $(grep --files-with-matches "^irq/${irq##*/}-" /proc/[0-9]*/comm 2>/dev/null); do',
                   "        task=${task%/comm}",
                   f"        chrt --fifo --pid {IRQ_PRIORITY} ${{task##*/}}", "    done", "done"]  # fmt: skip
-    changes: list[Change] = [Knob(*knob) for knob in knobs if machine.at(knob[0]).exists()]
-    changes = [knob for knob in changes if isinstance(knob, Knob) and machine.text(knob.path) != knob.value]
+    there = [knob for knob in knobs if machine.at(knob[0]).exists()]
+    changes: list[Change] = [Knob(*knob) for knob in there if machine.text(knob[0]) != knob[1]]
     script = "#!/bin/sh\n" + _OURS + "\n".join([*lines, "exit 0"]) + "\n"
     unit = (
         f"{_OURS}[Unit]\nDescription=CPU governor, sleep and network interrupts for rtstack\nAfter=network.target\n\n"
@@ -242,8 +239,7 @@ def _boot(machine: Machine, wishes: Wishes, irq_cpu: int, isolated: list[int]) -
     written = _file(machine, BOOT, script, "the same after each start", 0o755)
     written += _file(machine, UNIT, unit, "runs it")
     changes += _announced(written, ("systemctl", "daemon-reload"), "systemd", "the unit is")
-    if not machine.names("/etc/systemd/system/multi-user.target.wants/rtstack-host.service"):
-        name = "rtstack-host.service"
+    if not machine.names(f"/etc/systemd/system/multi-user.target.wants/{(name := 'rtstack-host.service')}"):
         changes.append(Command(("systemctl", "enable", name), ("systemctl", "disable", name), "at each start"))
     if wishes.interfaces and machine.names("/etc/systemd/system/*.wants/irqbalance.service"):
         switch = ("systemctl", "disable", "--now", "irqbalance"), ("systemctl", "enable", "--now", "irqbalance")
@@ -257,9 +253,8 @@ def _units(machine: Machine, wishes: Wishes, cpus: list[int], isolated: list[int
         written += _file(machine, f"/etc/systemd/system/{name}", text, "a unit of the stack; not started by this")
     if isolated and (wishes.units or machine.at(CPUS).exists()):
         text = f"{_OURS}[Service]\nCPUAffinity={cpu_text(cpus)}\n"
-        written += _file(
-            machine, CPUS, text, "only threads that select an isolated CPU run on it: the loop takes the last"
-        )
+        why = "only threads that select an isolated CPU run on it: the loop takes the last"
+        written += _file(machine, CPUS, text, why)
     return _announced(written, ("systemctl", "daemon-reload"), "systemd", "they are")
 
 

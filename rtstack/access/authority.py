@@ -1,8 +1,7 @@
 """The certificates of a console that speaks HTTPS. A local authority, made once for a user, signs them.
 
-A browser is told once to trust the authority, and then accepts this user's consoles on all of his machine's private
-addresses. The authority can vouch for nothing else: private addresses and localhost alone (RFC 5280, 4.2.1.10), so
-that a stolen key opens no other site.
+A browser is told once to trust it. It can vouch for private addresses and localhost alone (RFC 5280, 4.2.1.10), so that
+a stolen key opens no other site.
 """
 
 import datetime
@@ -39,10 +38,7 @@ class Authority:
 
     @classmethod
     def of_user(cls) -> "Authority":
-        """Return the authority in $XDG_CONFIG_HOME/rtstack/https, or ~/.config; made, if there is none.
-
-        Raises ConfigurationError.
-        """
+        """Return the authority in $XDG_CONFIG_HOME/rtstack/https, made if need be. Raises ConfigurationError."""
         authority = cls(_folder())
         try:
             if not authority.certificate.exists():
@@ -51,9 +47,8 @@ class Authority:
         except OSError as error:
             raise ConfigurationError(f"the authority in {authority.folder} cannot be used: {error.strerror}") from None
         except (ValueError, TypeError):  # whatever the library makes of a damaged file
-            raise ConfigurationError(
-                f"the authority in {authority.folder} is damaged: remove the folder, and the next start makes a new one"
-            ) from None
+            todo = "remove the folder, and the next start makes a new one"
+            raise ConfigurationError(f"the authority in {authority.folder} is damaged: {todo}") from None
         return authority
 
     @property
@@ -77,21 +72,14 @@ class Authority:
     def check(self, host: str) -> None:
         """Raise ConfigurationError where the authority may not vouch for an IP address."""
         if not any(ip_address(host) in ip_network(network) for network in _PRIVATE):
-            raise ConfigurationError(
-                f"{host} is no private address: put a proxy with a public certificate in front (docs/howto/https.md)"
-            )
+            todo = "put a proxy with a public certificate in front (docs/howto/https.md)"
+            raise ConfigurationError(f"{host} is no private address: {todo}")
 
     def serve(self, host: str) -> ssl.SSLContext:
-        """Return what a console at an IP address shows itself with, signed now.
-
-        Raises ConfigurationError for a public address.
-        """
+        """Return what a console at a private IP address shows itself with, signed now. Raises ConfigurationError."""
         self.check(host)
         key = ec.generate_private_key(ec.SECP256R1())
-        names = [
-            x509.IPAddress(ip_address(host)),
-            *([x509.DNSName("localhost")] if ip_address(host).is_loopback else []),
-        ]
+        names = [x509.IPAddress(ip_address(host)), *[x509.DNSName("localhost")] * ip_address(host).is_loopback]
         signer, issuer = self._signer()
         certificate = (
             _begun(_name(f"rtstack console at {host}"), issuer.subject, key.public_key(), CERTIFICATE_DAYS)

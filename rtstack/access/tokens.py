@@ -1,7 +1,6 @@
 """Bearer tokens: what a program signs in with. Kept beside the logs, in a file that only this user can open.
 
-The file has a digest of each token, never the token. A token is 256 random bits: there is nothing to guess, so a plain
-SHA-256 serves. The command line and the console write the same file, one at a time; a change counts at once.
+The file has the SHA-256 of each token, 256 random bits; command line and console write it, one at a time.
 """
 
 import hashlib

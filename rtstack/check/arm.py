@@ -1,7 +1,6 @@
 """What an arm says of itself while it rests, beside what its cell's file makes of its joints: do both mean the same?
 
-Other authors' robots leave fields at zero, measure torques without gravity, or mean another end effector; a real one
-does where its tool was set otherwise than the cell's file has it.
+Not where its tool was set otherwise, nor where other authors' robots leave fields at zero or mean another frame.
 """
 
 from dataclasses import dataclass
@@ -30,8 +29,7 @@ _WIDER = "; a robot that leaves gravity out moves only with a wider tau_ext_appr
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """What a held arm's own estimate said: mean and standard deviation of the external torques (7,), Nm, and the mean
-    wrench (6,) in the base, N and Nm."""
+    """A held arm's estimate: mean and deviation of external torques (7,), Nm; mean wrench (6,), its base, N, Nm."""
 
     tau_ext: Array
     tau_ext_sd: Array

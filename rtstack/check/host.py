@@ -18,10 +18,7 @@ _SET_UP = "sudo rtstack host-setup"
 
 
 def host_findings(sys: Path = _SYS) -> list[Finding]:
-    """Look at scheduler, memory lock, timer, kernel, governor, CPUs and clock. Takes half a second.
-
-    sys: where the kernel's /sys is.
-    """
+    """Look at scheduler, memory lock, timer, kernel, governor, CPUs, clock: 0.5 s. sys: the kernel's /sys."""
     with realtime_thread() as obtained:
         late_us = _timer_lateness_us()
     late = float(np.percentile(late_us, 99))

@@ -51,23 +51,13 @@ def interface_finding(name: str, address: str) -> Finding:
     nic = next((n for n, all_ in psutil.net_if_addrs().items() if any(a.address == here for a in all_)), "unknown")
     if ipaddress.ip_address(here).is_loopback:
         return Finding(name, f"{nic}: on this machine", "pass")
-    complaints = _complaints(nic)
+    complaints, state = [], psutil.net_if_stats().get(nic)
+    if (_NET / nic / "wireless").exists():
+        complaints.append("wireless")
+    elif state is not None and 0 < state.speed < _GIGABIT:
+        complaints.append(f"{state.speed} Mbit/s")
+    routes = [line.split() for line in Path("/proc/net/route").read_text().splitlines()[1:]]
+    if nic in {row[0] for row in routes if len(row) > 1 and row[1] == "00000000"}:
+        complaints.append("shared with everything else (it has the default route)")
     return finding(name, f"{nic}, {here}" + "".join(f", {c}" for c in complaints), not complaints,
                    "packets come late or in bursts", "a cable of its own from this PC to the control box")  # fmt: skip
-
-
-def _complaints(nic: str) -> list[str]:
-    found = []
-    state = psutil.net_if_stats().get(nic)
-    if (_NET / nic / "wireless").exists():
-        found.append("wireless")
-    elif state is not None and 0 < state.speed < _GIGABIT:
-        found.append(f"{state.speed} Mbit/s")
-    if nic in _default_routes():
-        found.append("shared with everything else (it has the default route)")
-    return found
-
-
-def _default_routes() -> set[str]:
-    lines = [line.split() for line in Path("/proc/net/route").read_text().splitlines()[1:]]
-    return {row[0] for row in lines if len(row) > 1 and row[1] == "00000000"}

@@ -2,6 +2,7 @@
 
 import platform
 import shutil
+import sys
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.resources import files
@@ -22,20 +23,32 @@ _IMPORTANT = ("mujoco", "pin", "proxsuite", "pylibfranka", "numba", "numpy")  # 
 
 def software_findings(logs: Path) -> list[Finding]:
     """Look at Python, packages, the folder of logs, shared memory, and what killed processes left there."""
-    return [_python(), _packages(), *(_tested(name) for name in _IMPORTANT), _disk(logs), _shared_memory(), _left()]
-
-
-def _python() -> Finding:
-    now = platform.python_version()
-    good = tuple(map(int, platform.python_version_tuple()[:2])) >= (3, 11)
-    return finding("Python", now, good, "nothing starts", "install Python 3.11 or newer", required=True)
-
-
-def _packages() -> Finding:
-    missing = list(_unmet())
-    value = "all there" if not missing else ", ".join(missing)
-    return finding("packages", value, not missing, "what needs them fails when it is used",
-                   "`pip install --constraint constraints.txt 'rtstack[all]'`", required=True)  # fmt: skip
+    missing, found = ", ".join(_unmet()), left_behind()
+    left = ", ".join(f"{path} of {owner}" for path, owner in found.items()) or "nothing"
+    try:
+        shared = shutil.disk_usage("/dev/shm").free
+    except OSError:
+        shared = 0
+    return [
+        finding(
+            "Python", platform.python_version(), sys.version_info >= (3, 11), "nothing starts",
+            "install Python 3.11 or newer", required=True,
+        ),
+        finding(
+            "packages", missing or "all there", not missing, "what needs them fails when it is used",
+            "`pip install --constraint constraints.txt 'rtstack[all]'`", required=True,
+        ),
+        *(_tested(name) for name in _IMPORTANT),
+        _disk(logs),
+        finding(
+            "shared memory", f"{shared / 1e6:.0f} MB", shared > _SHARED_BYTES, "loop, log and console cannot meet",
+            "mount a tmpfs of 256 MB at /dev/shm (a container: --shm-size=256m)", required=True,
+        ),
+        finding(
+            "left behind", left, not found, "memory, and disk, of processes that were killed",
+            "yours go when `rtstack up` or `trial` starts again, others when their user does that",
+        ),
+    ]  # fmt: skip
 
 
 def _unmet() -> Iterator[str]:
@@ -81,19 +94,3 @@ def _disk(logs: Path) -> Finding:
     advice = "another folder with --logs, or `rtstack logs prune`"
     cost, required = "a full disk stops the arms", free < _LEAST_BYTES
     return finding("disk", value, free > _ENOUGH_BYTES, cost, advice, required=required)
-
-
-def _shared_memory() -> Finding:
-    try:
-        free = shutil.disk_usage("/dev/shm").free
-    except OSError:
-        free = 0
-    return finding("shared memory", f"{free / 1e6:.0f} MB", free > _SHARED_BYTES, "loop, log and console cannot meet",
-                   "mount a tmpfs of 256 MB at /dev/shm (a container: --shm-size=256m)", required=True)  # fmt: skip
-
-
-def _left() -> Finding:
-    found = left_behind()
-    value = ", ".join(f"{path} of {owner}" for path, owner in found.items()) or "nothing"
-    return finding("left behind", value, not found, "memory, and disk, of processes that were killed",
-                   "yours go when `rtstack up` or `trial` starts again, others when their user does that")  # fmt: skip

@@ -1,7 +1,6 @@
 """A program's connection to a console: requests, and a WebSocket on which it waits for each answer.
 
-A WebSocket is read and written in one thread: OpenSSL's connections may not be shared by two, and a client that reads
-in one and writes in the other loses one connection of twenty over HTTPS as it opens (python/cpython#143756).
+One thread reads and writes it: over HTTPS two lose one connection of twenty as it opens (python/cpython#143756).
 """
 
 import asyncio
@@ -84,10 +83,7 @@ class Stream:
 
 @contextmanager
 def open_stream(console: str, path: str, headers: Mapping[str, str], tls: ssl.SSLContext) -> Iterator[Stream]:
-    """Give a stream to a path of a console at http://... or https://...; closing it lets go. tls: who is trusted.
-
-    Raises TrialError where the connection breaks.
-    """
+    """Give a stream to a path of a console; closing it lets go. tls: who is trusted. Raises TrialError."""
     address = console.replace("http", "ws", 1).rstrip("/") + path
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, name="stream", daemon=True)

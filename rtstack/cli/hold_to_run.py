@@ -34,10 +34,7 @@ class HoldToRun:
     def __init__(
         self, cell_kind: str, description: CellDescription, cell_file: Path, led: bool = False, moves: bool = True
     ) -> None:
-        """led: a person leads the arms, whose geometry need not have been measured. moves: an arm is to move.
-
-        Raises TrialError for what the kind of cell refuses, and for real arms without a terminal.
-        """
+        """led: a person leads the arms, measured or not; moves: an arm is to move. Raises TrialError."""
         kind, argument = kind_of(cell_kind)
         kind.check(argument, description, cell_file)
         if not led:

@@ -1,7 +1,4 @@
-"""Ctrl-C asks for a controlled stop: the arms brake, the log is finished. A second one ends the program at once.
-
-So does a terminal that is closed (SIGHUP), where nothing more is printed.
-"""
+"""Ctrl-C, or a terminal that is closed, asks for a controlled stop; a second Ctrl-C ends the program at once."""
 
 import os
 import signal

@@ -82,10 +82,7 @@ def _tracker(cell: Cell, description: CellDescription) -> Finding:
 def held_findings(
     cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None, record: Path | None = None
 ) -> list[Finding]:
-    """Judge an open cell and what its arms say while they are held; the arms are stopped then.
-
-    record: see bench_link. Where the link breaks, what is wrong with the torques of arms at rest is found all the same.
-    """
+    """Judge an open cell and what its arms say while they are held, then stop them. record: see bench_link."""
     arms, mountings = cell.arms, description.arms
     resting: list[Finding] = []
     try:

@@ -117,8 +117,7 @@ def plan(
 def _planned(
     description: "CellDescription", motion: Motion, object_name: str, given: dict[str, Any]
 ) -> "tuple[PlannedMotion, list[str]]":
-    """Return the motion, at the fastest speed that does where the default is too fast for it, and the line that says
-    so. A speed that was asked for is never changed."""
+    """Return the motion, with the fastest speed that does where the default is too fast, and a line about that."""
     from rtstack.planning import GrabPlan, PushPlan, TooFast, checked_plan, plan_grab, plan_push
 
     def planned(**values: Any) -> "PlannedMotion":

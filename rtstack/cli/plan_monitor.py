@@ -1,9 +1,7 @@
 """`rtstack plan --watch`: the monitor of a plan, made from runs of the plan itself on the simulated cell.
 
-What is expected is the plan's own: when and in which configuration the pads meet the object, the joints' velocities
-that the impact map leaves them, the force that carries the object (rtstack.references.impact). How far a good run may
-be from that only runs can say: sensors, friction, placement and what vibrates after an impact are in no plan. The
-object stands where it may stand in any trial, up to SHIFTED_MM from its place along y.
+What is expected is the plan's own (rtstack.references.impact). How far a good run may be from that only runs can say:
+sensors, friction, placement (up to SHIFTED_MM along y) and what vibrates after an impact are in no plan.
 """
 
 from contextlib import closing

@@ -1,7 +1,6 @@
-"""A campaign as an operator of the stack that runs: it orders runs of the robot process, as a person at the page does.
+"""A campaign as an operator of the stack that runs: it takes control over from the person who has armed the arms.
 
-It takes control over from the person who has armed the arms, and never arms them after a STOP: that takes the person's
-*Go on*, which removes the file `pause.txt` from the campaign's folder.
+It never arms them after a STOP: that takes the person's *Go on*, which removes the file `pause.txt` from its folder.
 """
 
 import threading

@@ -1,7 +1,6 @@
 """The audit trail: who did what with the robot, one JSON object a line, in a file that outlives every process.
 
-The robot process writes what was done with the robot, the console who signed in, the command line what became of
-tokens: each line is appended by one call, so that they do not mix.
+Robot process, console and command line write it: each line is appended by one call, so that they do not mix.
 """
 
 import errno
@@ -89,7 +88,11 @@ class AuditTrail:
         try:
             self._follow()
             while self._waiting:
-                self._append(self._waiting[0])
+                data = b"\n" * self._cut + self._waiting[0]
+                written = self._file.write(data)
+                self._cut = 0 < written < len(data) or (self._cut and written == 0)
+                if written < len(data):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 self._waiting.popleft()
             self._failed = False
         except (OSError, ValueError) as error:
@@ -105,10 +108,3 @@ class AuditTrail:
             old = self._file
             self._open()
             old.close()
-
-    def _append(self, line: bytes) -> None:
-        data = b"\n" * self._cut + line
-        written = self._file.write(data)
-        self._cut = 0 < written < len(data) or (self._cut and written == 0)
-        if written < len(data):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

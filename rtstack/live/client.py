@@ -39,10 +39,7 @@ def running_stacks() -> list[Path]:
 
 
 def only_stack(naming: str) -> Path:
-    """Return the socket of the only stack that runs. naming: how a user names another one.
-
-    Raises TrialError where none runs, or several.
-    """
+    """Return the one running stack's socket. naming: how a user names one. Raises TrialError for none or several."""
     found = running_stacks()
     if not found:
         raise TrialError(
@@ -136,10 +133,7 @@ class RobotClient:
         return self.request(ControlRequest(operator, "disarm"))
 
     def stop(self, operator: str) -> Status:
-        """Ask for a controlled stop by way of the socket; the mailbox is the shorter way.
-
-        It waits for no other request. Raises RobotRefused where the loop does not take it, RobotUnreachable.
-        """
+        """Ask for a controlled stop by the socket, beside other requests. Raises RobotRefused, RobotUnreachable."""
         with closing(RobotClient(self._path, _STOP_S)) as beside:
             return beside.request(ControlRequest(operator, "stop"))
 

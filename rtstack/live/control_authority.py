@@ -1,9 +1,8 @@
 """The control authority: which operator has the lease, and whether the arms may move.
 
-It owns the arming state machine (rtstack.safety.arming), which takes every decision about motion in the robot process,
-and adds a clock, a lock and an audit trail. Each action of an operator becomes a line of the audit trail and a
-RunEvent, which the loop's thread publishes. A STOP disarms; its request is reset by arming, and before a person's hand
-leads the arms.
+It adds a clock, a lock and an audit trail to the arming state machine (rtstack.safety.arming), which takes every
+decision about motion in the robot process. Each action of an operator becomes a line of the audit trail and a RunEvent.
+A STOP disarms; its request is reset by arming, and before a person's hand leads the arms.
 """
 
 import threading
@@ -45,11 +44,8 @@ class ControlAuthority:
     """
 
     def __init__(self, mailbox: Mailbox, audit: AuditTrail, clock: Callable[[], float] = since_boot_s) -> None:
-        self._lock = threading.Lock()
-        self._arming = ArmingStateMachine()
-        self._mailbox = mailbox
-        self._audit = audit
-        self._clock = clock
+        self._lock, self._arming = threading.Lock(), ArmingStateMachine()
+        self._mailbox, self._audit, self._clock = mailbox, audit, clock
         self._run_events: deque[RunEvent] = deque(maxlen=_RUN_EVENTS)
         self._since_s = time.time()
         self._stopped_s = -_STOP_LASTS_S  # by the clock: of the last STOP that was reported

@@ -36,8 +36,7 @@ class _ArmView:
         last = self._reader.latest()
         if last is not None:
             self._sample[:] = last
-        self._sample["tau_desired"] = 0.0
-        self._sample["tau_applied"] = 0.0
+        self._sample["tau_desired"] = self._sample["tau_applied"] = 0.0
 
     def show(self, arm: Arm) -> str | None:
         """Read the arm and take its state. Returns why it refuses to move, None when it does not."""
@@ -85,20 +84,16 @@ class IdleView:
         refused: Callable[[str], None],
         run_events: Callable[[], Iterable[RunEvent]],
     ) -> None:
-        """Read and show the arms until `interrupted`, and publish run_events.
-
-        `refused` is told once for each new reason not to move. Raises hal.errors.HardwareError when an arm is lost.
-        """
+        """Read and show the arms until `interrupted`; pass each new refusal to `refused`. Raises HardwareError."""
         for view in self._arms:
             view.begin()
         self._publisher = publisher = Publisher([self._rings], None, cell.sensors, sides=cell.sides)
         timing = publisher.timing
         # also an object that was not seen yet: what was shown last may be another cell's
         self._rings.pusher(OBJECT_TOPIC).push(cell.tracker.latest().record)
-        last_ns = time.perf_counter_ns()
-        last_t_ns = 0
+        last_ns, last_t_ns = time.perf_counter_ns(), 0
         told: list[str | None] = [None] * len(self._arms)
-        refusals: list[str | None] = [None] * len(self._arms)
+        refusals = told.copy()
         while not interrupted():
             if not self._show(cell, refusals) & LEFT:
                 continue  # the first arm's states are the beat
@@ -123,10 +118,7 @@ class IdleView:
             last_ns, last_t_ns = now_ns, t_ns
 
     def _show(self, cell: Cell, refusals: list[str | None]) -> int:
-        """Show the arms whose states have arrived, all where they share a clock; note why they refuse to move.
-
-        Returns their mask.
-        """
+        """Show the arms whose states have arrived, note why they refuse to move, and return their mask."""
         mask = cell.link.wait() if cell.own_clocks and cell.link is not None else LEFT | RIGHT
         for k, arm in enumerate(cell.arms):
             if mask & 1 << k:

@@ -14,7 +14,7 @@ from pathlib import Path
 from hal.base.realtime import scheduling
 from rtstack.live.audit import AuditTrail
 from rtstack.live.control_authority import ControlAuthority
-from rtstack.live.protocol import Job, JobSpecification, JobState, RunRequest, Status
+from rtstack.live.protocol import Job, JobKind, JobState, RunRequest, Status
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
@@ -23,20 +23,11 @@ from rtstack.safety.arming import Refused
 from rtstack.samples import Level
 from rtstack.trials.errors import TrialError
 from rtstack.trials.object import check_two_arms
-from rtstack.trials.specification import (
-    DemonstrationSpecification,
-    HandMotion,
-    MoveSpecification,
-    TrialSpecification,
-    like,
-)
+from rtstack.trials.specification import HandMotion, MoveSpecification, like
 
 
 class JobManager(Watchdog):
-    """Accepts one job at a time from an operator whom the control authority allows, and reports its status.
-
-    A rtstack.loop.watchdogs.Watchdog too: it ends a session when the process has to end.
-    """
+    """Accepts one job at a time, reports its status, and, as a Watchdog, ends a session when the process has to end."""
 
     def __init__(self, source: CellSource, mailbox: Mailbox, audit: AuditTrail, logs: Path) -> None:
         """logs: the folder of logs."""
@@ -55,9 +46,7 @@ class JobManager(Watchdog):
     # -- the socket's side
 
     def order(self, request: RunRequest) -> None:
-        """Take an order. Raises Refused while another one holds the robot, unless its operator has armed, or when the
-        cell has no such object.
-        """
+        """Take an order. Raises Refused: a job runs, its operator has not armed, or the cell cannot do it."""
         names, asked = tuple(self._description.objects), request.specification
         if asked.needs_object and asked.object not in names:
             raise Refused(f"the cell has no object {asked.object!r}; it has {', '.join(names)}")
@@ -65,15 +54,15 @@ class JobManager(Watchdog):
             raise Refused("only a simulated cell has scripted faults")
         if reason := self._description.refusal(asked):
             raise Refused(reason)
-        if what := _of_two_arms(asked):
-            try:
-                check_two_arms(self._description, what)
-            except TrialError as error:
-                raise Refused(str(error)) from None
+        try:
+            if request.kind in (JobKind.DEMONSTRATION, JobKind.TRIAL):
+                check_two_arms(self._description, f"a {request.kind} of a grab")
+            if isinstance(asked, MoveSpecification) and asked.motion is not HandMotion.START:
+                check_two_arms(self._description, f"the motion {asked.title!r}")
+        except TrialError as error:
+            raise Refused(str(error)) from None
         with self._lock:
-            refusal = self._refusal()
-            if refusal is not None:
-                raise Refused(refusal)
+            self._check_free()
             number = 1 if self._job is None else self._job.number + 1
             self.authority.begin(request.operator, f"{request.kind} {number}: {request.title}", asked.by_hand)
             self._order = request
@@ -84,9 +73,7 @@ class JobManager(Watchdog):
     def recover(self, operator: str) -> "Future[None]":
         """Ask the loop's thread for a recovery. Raises Refused while a job runs, and unless there is a fault."""
         with self._lock:
-            refusal = self._refusal()
-            if refusal is not None:
-                raise Refused(refusal)
+            self._check_free()
             self.authority.recover(operator)
             self._recovery = Future()
             self._news.set()
@@ -188,6 +175,10 @@ class JobManager(Watchdog):
         """Whether the end was asked for."""
         return self._ending is not None
 
+    def _check_free(self) -> None:
+        if (refusal := self._refusal()) is not None:
+            raise Refused(refusal)
+
     def _refusal(self) -> str | None:
         if self._ending is not None:
             return "the stack is being shut down"
@@ -199,12 +190,3 @@ class JobManager(Watchdog):
         with self._lock:
             if self._job is not None:
                 self._job = replace(self._job, **changes)  # type: ignore[arg-type]
-
-
-def _of_two_arms(asked: JobSpecification) -> str:
-    """Return in words what takes two arms, "" for what one can do."""
-    if isinstance(asked, DemonstrationSpecification | TrialSpecification):
-        return f"a {asked.verb} of a grab"
-    if isinstance(asked, MoveSpecification) and asked.motion is not HandMotion.START:
-        return f"the motion {asked.title!r}"
-    return ""

@@ -34,10 +34,7 @@ _LOOK_S = 0.01
 
 
 class Jobs:
-    """The open cell, if there is one, and the jobs on it. A job that is refused is refused before an arm moves.
-
-    The host of its runs (rtstack.trials.carry_out.Host); their cell stays open afterwards.
-    """
+    """The open cell, if there is one, and the host of its jobs. One that is refused is refused before an arm moves."""
 
     def __init__(
         self,
@@ -51,15 +48,10 @@ class Jobs:
     ) -> None:
         self.open_cell: Cell | None = None
         self._source, self._description = source, source.description
-        self._job_manager = job_manager
-        self._rings = rings
-        self._mailbox = mailbox
-        self._idle = idle
-        self._watchdogs = watchdogs
-        self._run_observer = run_observer
+        self._job_manager, self._rings, self._mailbox, self._idle = job_manager, rings, mailbox, idle
+        self._watchdogs, self._run_observer = watchdogs, run_observer
         # what the running job was ordered with: log, text of a faults file, record of a campaign, operator
         self._path, self._faults, self._campaign, self._watched, self._operator = Path(), "", None, False, ""
-        self._first_object = next(iter(source.description.objects))
 
     def run(self, request: RunRequest, log: Path) -> Result:
         """Carry out a job. Raises TrialError, LogError, HardwareError."""
@@ -73,7 +65,7 @@ class Jobs:
 
     def open_first(self) -> Cell:
         """Open a cell with the description's first object, to idle on. Raises HardwareError."""
-        return self._open(self._first_object, Displacement(), 0)
+        return self._open(next(iter(self._description.objects)), Displacement(), 0)
 
     def try_to_open(self) -> None:
         """Open a cell to idle on; where that fails, it is a fault."""

@@ -1,7 +1,4 @@
-"""What a service manager is told: that the process is ready, and that the thread which matters is alive.
-
-sd_notify(3): one datagram to the socket that NOTIFY_SOCKET names. Without it nothing is said.
-"""
+"""What a service manager is told by sd_notify(3): that the process is ready, and the thread which matters alive."""
 
 import os
 import socket
@@ -38,10 +35,7 @@ class Notifier:
 
 
 class Pulse(Watchdog):
-    """The loop's thread counts its turns; another thread looks whether there were any, and tells the manager.
-
-    A rtstack.loop.watchdogs.Watchdog too, so that it is asked in every tick: it never trips.
-    """
+    """The loop's thread counts its turns, as a Watchdog that never trips; another one looks, and tells the manager."""
 
     def __init__(self, notifier: Notifier) -> None:
         self._notifier = notifier

@@ -2,8 +2,7 @@
 
     python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --cell TOML --kind KIND
 
-It names no robot: the cell comes from a factory of a composition root (rtstack.live.source). It ends on SIGTERM, and
-when its standard input closes, so that it never outlives its supervisor.
+It ends on SIGTERM, and when its standard input closes, so that it never outlives its supervisor.
 """
 
 import contextlib
@@ -72,10 +71,7 @@ class Robot:
         logs: Path,
         pulse: Pulse | None = None,
     ) -> None:
-        self._source = source
-        self._job_manager = job_manager
-        self._mailbox = mailbox
-        self._logs = logs
+        self._source, self._job_manager, self._mailbox, self._logs = source, job_manager, mailbox, logs
         self._idle = IdleView(rings, source.description.sides)
         self._end: End | None = None  # of the last session
         self._armed = False  # when the arms were looked at last
@@ -116,8 +112,10 @@ class Robot:
         if self._jobs.open_cell is None:
             self._job_manager.wait(_RETRY_S)
             self._idle.publish(self.run_events())
-            if not self._job_manager.has_news:
-                self._reopen()
+            if not self._job_manager.has_news:  # it is read and shown, and the fault stays until it is recovered
+                with contextlib.suppress(HardwareError):
+                    self._jobs.open_first()
+                    self._idle.tell(Level.INFO, "the cell answers again")
             return
         manager, was_armed = self._job_manager, self._armed
         armed = self._armed = manager.authority.armed
@@ -140,12 +138,6 @@ class Robot:
             bias = f"a trial would be refused: {error}"
         if bias:
             self._idle.tell(Level.WARNING, bias)
-
-    def _reopen(self) -> None:
-        """Try again to reach a cell that was lost: it is read and shown, and the fault stays until it is recovered."""
-        with contextlib.suppress(HardwareError):
-            self._jobs.open_first()
-            self._idle.tell(Level.INFO, "the cell answers again")
 
     def _recover(self, recovery: "Future[None]") -> None:
         authority = self._job_manager.authority
@@ -170,12 +162,10 @@ class Robot:
         """Ask the judges whether they would let the arms be where they are. Raises HardwareError."""
         judges = safety_judges(self._source.description)
         for side, arm, judge in zip(cell.sides, cell.arms, judges, strict=True):
-            sample = np.zeros(1, ARM_SAMPLE)
-            state = arm.read().record
+            sample, state = np.zeros(1, ARM_SAMPLE), arm.read().record
             for name in ARM_STATE.names or ():
                 sample[name] = state[name]
-            reason = judge.recover(sample)
-            if reason is not Cause.NONE:
+            if (reason := judge.recover(sample)) is not Cause.NONE:
                 raise RecoveryRefused(
                     f"{side} arm: {reason.text}: the cause persists; move the arm out of it by hand: hold *Guide by "
                     "hand* on the page Operate, or end the stack and use `rtstack guide`"

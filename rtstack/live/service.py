@@ -1,7 +1,6 @@
 """The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm.
 
-The same thread calls the control authority regularly, so that a lease ends without a request. These threads have raised
-priority, because they share the interpreter lock with the loop.
+It calls the control authority regularly, so that a lease ends without a request. Its threads have raised priority.
 """
 
 import contextlib
@@ -48,8 +47,7 @@ class Service:
             self._server = _Server(str(path), _Handler)
         finally:
             os.umask(mask)
-        self._server.job_manager = job_manager
-        self._server.pulse = pulse
+        self._server.job_manager, self._server.pulse = job_manager, pulse
         threading.Thread(target=self._serve, daemon=True, name="service").start()
 
     def _serve(self) -> None:

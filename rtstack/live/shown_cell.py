@@ -43,10 +43,7 @@ class _ShownTracker:
 
 
 def shown_cell(run: Path, name: str, sides: Sequence[str] = SIDES) -> tuple[Cell, Rings]:
-    """Return the cell that the robot process in the folder `run` shows, with the rings, which the caller closes.
-
-    Raises LogError where none runs there.
-    """
+    """Return the cell that the robot process of a folder shows, and the rings, to be closed. Raises LogError."""
     rings = Rings.attach(find_rings(run))
     arms = {side: _ShownArm(rings.reader(ARM_TOPICS[SIDES.index(side)])) for side in sides}
     return Cell(name, arms.get("left"), arms.get("right"), _ShownTracker(rings.reader(OBJECT_TOPIC))), rings

@@ -34,10 +34,7 @@ class CellSource:
 
 
 def described_as(file: Path, kind: str) -> CellDescription:
-    """Return what a file says of a cell of this kind: whether its arms are simulated, too.
-
-    Raises ConfigurationError, and TrialError for what the kind refuses.
-    """
+    """Return what a file says of a cell of this kind. Raises ConfigurationError, TrialError for what it refuses."""
     description, _ = load_description(file, kind)
     found, argument = kind_of(kind)
     found.check(argument, description, file)
@@ -47,10 +44,7 @@ def described_as(file: Path, kind: str) -> CellDescription:
 
 
 def live_source(file: Path, kind: str = "direct") -> CellSource:
-    """Return the cell that a person watches. Raises ConfigurationError, TrialError.
-
-    A simulated one is paced: real time where the machine can, slower where it cannot, and never wrong.
-    """
+    """Return the cell that a person watches, paced if it is simulated. Raises ConfigurationError, TrialError."""
     description, content = described_as(file, kind), file.read_bytes()
 
     def open_live(object_name: str, displacement: Displacement, seed: int, faults: Path | None) -> Cell:

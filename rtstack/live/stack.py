@@ -1,7 +1,6 @@
 """The whole stack on one machine: a supervisor, the robot process and the console, started and ended in order.
 
-The supervisor holds the console's listening socket before anything starts, so that a busy port costs nothing, and the
-write end of both children's standard input, so that they end when it does, whatever ends it.
+It holds the listening socket before anything starts, and both children's standard input, so that they end with it.
 """
 
 import os
@@ -115,10 +114,7 @@ def listen(port: int, host: str = LOOPBACK) -> socket.socket:
 
 
 class _Child:
-    """A child process of ours, in a session of its own, so that Ctrl-C reaches the supervisor alone.
-
-    exit: a descriptor that can be read from once the process has ended.
-    """
+    """A child process in a session of its own, which Ctrl-C does not reach. exit: a descriptor, ready at its end."""
 
     def __init__(self, what: str, module: str, arguments: list[str], inherited: tuple[int, ...] = ()) -> None:
         self.what = what
@@ -133,8 +129,7 @@ class _Child:
         self.exit = os.pidfd_open(self._process.pid)
 
     def first_line(self, request: int) -> str:
-        """Return the line that says that the child is ready. Raises StackError when it ends or stays silent, and _Ended
-        at a request for the end, an eventfd."""
+        """Return the line that says that the child is ready. Raises StackError without one, _Ended at a request."""
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout, request], [], [], _START_TIMEOUT_S)
         if request in ready:

@@ -25,10 +25,7 @@ def process_arguments(prog: str) -> argparse.ArgumentParser:
 
 
 def claim(folder: Path, name: str) -> None:
-    """Make the run folder ours: clear away what a robot process that was killed has left.
-
-    Raises LogError where one runs there, OSError where the folder cannot be written.
-    """
+    """Make the run folder ours, without what a killed process left. Raises LogError where one runs there, OSError."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     refuse_foreign(folder)
     path = folder / SOCKET_NAME

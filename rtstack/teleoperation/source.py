@@ -1,7 +1,4 @@
-"""Leads the arms after the requests of an operator, or of a policy: the mailbox's, filtered, are the plan's only point.
-
-It is a watchdog too, for what holds the clutch is what keeps the arms going.
-"""
+"""Leads the arms after the requests of an operator or a policy: the mailbox's, filtered, are the plan's only point."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,4 @@
-"""What each command of teleoperation says of itself: who sent it, when, and which picture it answers.
-
-The sender's clock need not be the console's: console.teleoperation.gate finds both limits of their difference.
-"""
+"""What each command of teleoperation says of itself: who sent it, when, by what clock, and which picture it answers."""
 
 import secrets
 import time
