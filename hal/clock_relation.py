@@ -1,8 +1,7 @@
 """Relates two clocks by messages that carry the time of one and are stamped with the other one on arrival.
 
-A message is delayed by its least delay and by what happens on the way, which is never negative: of each block of
-messages the one that was delayed least counts, and a straight line through these gives offset and drift. The least
-delay itself cannot be seen, and belongs to the offset. After a step of either clock the relation begins anew.
+Of each block of messages the one that was delayed least counts, and a straight line through these gives offset and
+drift. The least delay itself belongs to the offset. After a step of either clock the relation begins anew.
 """
 
 from math import sqrt
@@ -124,9 +123,7 @@ def _update(memory, a_ns, b_ns):
 
 class ClockRelation:
     """The relation of clock a, that messages carry, to clock b, by which they are stamped on arrival. Times in ns.
-
-    Nothing here allocates, waits or raises: it may be used in the tick.
-    """
+    Nothing here allocates, waits or raises: it may be used in the tick."""
 
     def __init__(self) -> None:
         self.memory = np.zeros(1, RELATION)

@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from hal.base.record import Field, record_of
 
 CYCLE_FIELDS = (
-    Field(
-        "arrived_us", "When the kernel got the oldest state that was not read, {unit} of the host's monotonic clock.",
-        "us", host_clock=True,
-    ),
+    Field("arrived_us", "When the kernel got the oldest state that was not read, {unit} of the host's monotonic clock.",
+          "us", host_clock=True),
     Field("unread", "States that had come by then, of which the newest was read.", kind="i8", host_clock=True),
     Field("free_us", "From the arrival to the end of the last cycle, {unit}; negative: the loop waited already.", "us",
           host_clock=True),

@@ -25,11 +25,9 @@ class Displacement:
 
     @property
     def yaw_deg(self) -> float:
-        """The turn, degrees."""
         return degrees(self.yaw_rad)
 
     @property
     def in_words(self) -> str:
-        """As a person reads it: along y, and what else there is of it."""
         x, yaw = 1e3 * self.x_m, self.yaw_deg
         return f"{1e3 * self.y_m:+g} mm" + f", x {x:+g} mm" * (x != 0.0) + f", yaw {yaw:+.4g} deg" * (yaw != 0.0)

@@ -1,7 +1,6 @@
 """State of an arm, with libfranka's names, as one fixed-size record.
 
-One record is one contiguous block: the loop copies it in one go, compiled code indexes it by name, the log's
-schema is made from it.
+It is one contiguous block: the loop copies it, compiled code indexes it by name, the log's schema is made from it.
 """
 
 from dataclasses import dataclass, fields
@@ -41,29 +40,19 @@ ARM_STATE_FIELDS = (
     Field("q", "Joint positions, {unit}.", "rad", JOINTS, plain="joint position"),
     Field("dq", "Joint velocities, {unit}.", "rad/s", JOINTS, plain="joint velocity"),
     Field("tau_J", "Measured joint torques, {unit}, gravity included.", "Nm", JOINTS, plain="joint torque, measured"),
-    Field(
-        "tau_J_d", "Commanded joint torques as the robot echoes them, {unit}, gravity excluded.", "Nm", JOINTS,
-        plain="joint torque, commanded",
-    ),
-    Field(
-        "dtau_J", "Derivative of the measured joint torques, {unit}.", "Nm/s", JOINTS, plain="rate of the joint torque"
-    ),
+    Field("tau_J_d", "Commanded joint torques as the robot echoes them, {unit}, gravity excluded.", "Nm", JOINTS,
+          plain="joint torque, commanded"),
+    Field("dtau_J", "Derivative of the measured joint torques, {unit}.", "Nm/s", JOINTS,
+          plain="rate of the joint torque"),
     Field("theta", "Motor positions, {unit}.", "rad", JOINTS, plain="motor position"),
     Field("dtheta", "Motor velocities, {unit}.", "rad/s", JOINTS, plain="motor velocity"),
     Field("tau_ext_hat_filtered", "Estimated external torques, {unit}.", "Nm", JOINTS, plain="external joint torque"),
-    Field(
-        "O_T_EE", "Pose of the end effector (the pad's face) in the base: 4x4, column-major, {unit}.", "m", MATRIX,
-        frame="base", shape=(4, 4), column_major=True, plain="pad's pose in the base",
-    ),
-    Field(
-        "O_F_ext_hat_K",
-        "External wrench about the stiffness frame along the base's axes: force N, torque Nm.", "N, Nm", WRENCH,
-        frame="base", plain="force and torque on the environment",
-    ),
-    Field(
-        "control_command_success_rate", "Share of the commands of the last 100 ms that arrived in time, 0 to 1.",
-        plain="commands that arrived in time",
-    ),
+    Field("O_T_EE", "Pose of the end effector (the pad's face) in the base: 4x4, column-major, {unit}.", "m", MATRIX,
+          frame="base", shape=(4, 4), column_major=True, plain="pad's pose in the base"),
+    Field("O_F_ext_hat_K", "External wrench about the stiffness frame along the base's axes: force N, torque Nm.",
+          "N, Nm", WRENCH, frame="base", plain="force and torque on the environment"),
+    Field("control_command_success_rate", "Share of the commands of the last 100 ms that arrived in time, 0 to 1.",
+          plain="commands that arrived in time"),
     Field("robot_mode", "What the robot is doing.", enum=RobotMode, plain="robot mode"),
     Field("current_errors", "Active errors, by the vendor's names.", bits=ROBOT_ERRORS, plotted=False),
 )  # fmt: skip

@@ -36,11 +36,8 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One row of the table.
-
-    rate_hz: nominal; 0 for events. every_tick: published in every tick of every run: the log waits for it. plotted:
-    whether the review has its fields as curves, in the group that the topic's name begins with.
-    """
+    """One row of the table. rate_hz: nominal; 0 for events. every_tick: published in every tick of every run: the log
+    waits for it. plotted: the review has its fields as curves, in the group that the topic's name begins with."""
 
     name: str
     message: Message
@@ -51,7 +48,6 @@ class Topic:
 
     @property
     def record(self) -> np.dtype:
-        """The dtype of its samples."""
         return self.message.record
 
     @property
@@ -61,5 +57,4 @@ class Topic:
 
     @property
     def plotted_fields(self) -> tuple[Field, ...]:
-        """The fields that are curves."""
         return tuple(field for field in self.message.fields if self.plotted and field.plotted)

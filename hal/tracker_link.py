@@ -1,14 +1,12 @@
 """Object poses over UDP: one datagram is one record of hal.tracker.OBJECT_POSE, little-endian.
 
-A tracker's poses are in its own frame and have times of its own clock, as the cell's file says: here they become the
-world's and the robot's.
+A tracker's poses, in its own frame and with times of its own clock, become the world's and the robot's here.
 """
 
 import contextlib
 import math
 import socket
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -62,11 +60,8 @@ def _wrong_with(datagram):
 
 @compiled
 def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
-    """Write the object's pose in the world into seen, its quaternion by the sign that is nearer to the last one.
-
-    world, world_p: of the tracker's frame in the world; thing, thing_p: of the object in the body; plain: both are
-    none. q (4,), v (3,): to work with.
-    """
+    """Write the object's pose in the world into seen, its quaternion by the sign that is nearer to the last one. world,
+    world_p: T_world_tracker; thing, thing_p: T_body_object; plain: both are none. q (4,), v (3,): to work with."""
     d, record = datagram[0], seen[0]
     if plain:
         for i in range(3):
@@ -103,7 +98,7 @@ class TrackerLink:
     ) -> None:  # fmt: skip
         """Listen; port 0 takes a free one. robot_clock: see hal.tracker.TrackerRequest; None: the datagrams have the
         robot's time, and none of them is too old. Raises OSError."""
-        self._frames, self._times, self._robot = frames or TrackerFrames(), times or TrackerTimes(), robot_clock
+        frames, self._times, self._robot = frames or TrackerFrames(), times or TrackerTimes(), robot_clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -120,17 +115,14 @@ class TrackerLink:
         self._datagram = np.zeros(1, OBJECT_POSE)
         self._overlong = bytearray(DATAGRAM.itemsize + 1)
         self._wrong, self._size, self._last_ns = 0, 0, -1 << 63  # of the last datagram; its time
-        self._wrong_with, self._place = bound(_wrong_with, self._datagram), self._placer()
-
-    def _placer(self) -> Callable[[], None]:
-        frames = self._frames
         world = np.array(frames.orientation_wxyz) / np.linalg.norm(frames.orientation_wxyz)
         if frames.up == "y":
             turned = np.zeros(4)
             _product(world, np.array(_UP_Y), turned)
             world = turned
         thing = np.array(frames.object_orientation_wxyz) / np.linalg.norm(frames.object_orientation_wxyz)
-        return bound(
+        self._wrong_with = bound(_wrong_with, self._datagram)
+        self._place = bound(
             _place, self._datagram, self._seen.record, world, np.array(frames.position), thing,
             np.array(frames.object_position), frames == TrackerFrames(), np.zeros(4), np.zeros(3),
         )  # fmt: skip
@@ -198,7 +190,6 @@ class TrackerLink:
         return age_ns > 1e6 * self._times.largest_age_ms
 
     def close(self) -> None:
-        """Stop listening."""
         self._socket.close()
 
 
@@ -214,7 +205,6 @@ class NoTracker:
         self._pose = ObjectPose.empty()
 
     def latest(self) -> ObjectPose:
-        """Return a pose with seen = 0."""
         return self._pose
 
     def close(self) -> None:

@@ -21,7 +21,6 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 T = TypeVar("T")
 
-
 LARGEST_FILE = 4_000_000  # bytes: a person's file has thousands
 _MOST_PARTS = 32  # of a dotted key, and of a document's depth
 _PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
@@ -74,9 +73,7 @@ def _comma(text: str, line: int) -> str:
 
 def place_of(source: str, text: str, key: Sequence[str | int]) -> str:
     """Return FILE:LINE of a key in a file's text; of its table, where it is missing; without a line, where that is too.
-
-    key: names of tables and key, and numbers in arrays, from the outside.
-    """
+    key: names of tables and key, and numbers in arrays, from the outside."""
     lines = _lines_of(text)
     for length in range(len(key), 0, -1):
         if number := lines.get(tuple(key[:length])):
@@ -102,10 +99,8 @@ def _lines_of(text: str) -> dict[tuple[str | int, ...], int]:
 
 
 def with_values(text: str, values: dict[tuple[str, ...], Any]) -> str:
-    """Return a TOML file's text with other values of some keys; comments and everything else stay.
-
-    values: by the names of table and key. A key that is not there comes below its table's name, a table at the end.
-    """
+    """Return a TOML file's text with other values of some keys, by the names of table and key; everything else stays. A
+    key that is not there comes below its table's name, a table at the end."""
     for key, value in reversed(values.items()):
         lines, found = text.splitlines(), _lines_of(text)
         written = value.isoformat() if hasattr(value, "isoformat") else json.dumps(value, allow_nan=False)
@@ -136,10 +131,7 @@ def _names(dotted: str) -> tuple[str | int, ...]:
 
 
 def from_document(document: dict[str, Any], kind: type[T], source: str, text: str = "") -> T:
-    """Check a parsed document against the dataclass `kind`. text: the file's, where there is one, for the line.
-
-    Raises ConfigurationError with one line.
-    """
+    """Check a parsed document against `kind`. text: for the line. Raises ConfigurationError with one line."""
     for loc, number in _numbers(document, ()):
         if (isinstance(number, int) and number.bit_length() > 64) or not abs(number) < math.inf:
             found = number if isinstance(number, float) else f"a number of {number.bit_length() * 0.301:.0f} digits"
@@ -187,11 +179,9 @@ def one_line(message: str) -> str:
 
 
 def toml_text(document: Mapping[str, Any], *comments: str) -> str:
-    """Return the text of a TOML file: a line for each comment and each value, and then the tables.
-
-    Values are text, numbers that are finite, booleans, lists of these, and mappings: a table each. A value None is left
-    out. tomli-w would write a line for each element of a list. Raises ValueError for a number that is not finite.
-    """
+    """Return the text of a TOML file: a line for each comment and each value (text, finite numbers, booleans, lists;
+    None is left out), and then a table for each mapping. tomli-w would write a line for each element of a list. Raises
+    ValueError for a number that is not finite."""
     return "\n".join([*(f"# {comment}" for comment in comments), *_table(document, "")]) + "\n"
 
 

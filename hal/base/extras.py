@@ -15,8 +15,7 @@ def require(extra: str) -> None:
 
 
 def advice(module: str | None) -> str | None:
-    """Return what to install for a module that could not be imported; None where neither an extra brings it nor a
-    package of some Pythons only."""
+    """Return what to install for a module that could not be imported, None where that is not known."""
     if extras := [extra for name, extra in _modules() if name == module]:
         return _advice(str(module), extras[0])
     pythons = published_for(module)

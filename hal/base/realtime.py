@@ -58,11 +58,9 @@ def robot_cpu() -> int:
 
 @contextmanager
 def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterator[Obtained]:
-    """Make the calling thread a real-time one as far as the host allows; take everything back at the end.
-
-    FIFO (priority 0, or refused: an ordinary thread with short slices), one CPU (None: the last one; ANY_CPU: as it
-    was), memory locked, timer slack 1 ns, no garbage collection. What the host refuses is left as it is, and told.
-    """
+    """Make the calling thread a real-time one as far as the host allows; take everything back at the end: FIFO
+    (priority 0, or refused: an ordinary thread with short slices), one CPU (None: the last one; ANY_CPU: as it was),
+    memory locked, timer slack 1 ns, no garbage collection. What was obtained is given."""
     policy, parameters, cpus = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
     slack_ns = _libc.prctl(_PR_GET_TIMERSLACK)
     collecting = gc.isenabled()
@@ -96,11 +94,8 @@ def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterato
 
 
 def beside_realtime() -> None:
-    """Put the calling thread between what is ordinary and its process's real-time thread, as far as the host allows it.
-
-    The threads of a process share the interpreter's lock: an ordinary one that holds it and is pushed off its CPU by
-    another program keeps the real-time thread waiting for as long as that one runs.
-    """
+    """Put the calling thread between ordinary ones and its process's real-time thread, as far as the host allows it: an
+    ordinary thread that is pushed off its CPU with the interpreter's lock keeps the real-time one waiting."""
     _allowed(os.sched_setscheduler, _FIFO, os.sched_param(_BESIDE))
 
 
@@ -111,10 +106,7 @@ def ordinary_thread() -> None:
 
 
 def scheduling(thread: int = 0) -> tuple[str, int]:
-    """Return policy (other, fifo, rr) and priority of a thread now: the calling one, or one by its id.
-
-    A process's main thread has the id of the process.
-    """
+    """Return policy (other, fifo, rr) and priority of the calling thread, or of one by its id."""
     policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
     return _POLICIES.get(policy, "unknown"), os.sched_getparam(thread).sched_priority
 

@@ -45,7 +45,6 @@ class Field:
 
     @property
     def dtype(self) -> np.dtype:
-        """Its values, as numpy has them."""
         whole = self.enum is not None or bool(self.bits)
         return np.dtype(("i8" if whole else self.kind, self.shape or ((len(self.axes),) if self.axes else ())))
 

@@ -1,7 +1,6 @@
 """What the processes of one user share in places that all users write: shared memory, the folder of temporary files.
 
-No other user may change it. Its processes hold a lock of the kernel, which ends with them, however they end: what has
-no lock was left behind, and is removed at the next start.
+No other user may change it. What none of its processes holds a lock of was left behind: the next start removes it.
 """
 
 import errno
@@ -44,11 +43,9 @@ def user_folder(variable: str, default: str) -> Path:
 
 
 def refuse_foreign(path: Path) -> None:
-    """Raise PermissionError, which says why, where another user may change what is at a path. Raises OSError.
-
-    Each folder above it, and each link on the way, has to belong to this user or to root; only folders above it whose
-    sticky bit is set, such as /tmp, may be writable by others.
-    """
+    """Raise PermissionError, which says why, where another user may change what is at a path. Each folder above it, and
+    each link on the way, has to belong to this user or root; others may write folders above it with a sticky bit, such
+    as /tmp. Raises OSError."""
     trusted = {0, os.geteuid()}
     if Path("/proc/self/uid_map").read_text().split()[-1] != _ALL_USERS:
         trusted.add(_OVERFLOW_UID)
@@ -73,15 +70,12 @@ class Block:
 
     @property
     def name(self) -> str:
-        """Its name, for `attach`."""
         return self._path.name
 
     @classmethod
     def create(cls, name: str, size: int) -> "Block":
-        """Create a block of `size` bytes, all 0. Raises OSError, also where there is no memory for all of it.
-
-        All pages are taken at once: a write beyond the last free page would be a SIGBUS.
-        """
+        """Create a block of `size` bytes, all 0. All pages are taken at once: a write beyond the last free one would be
+        a SIGBUS. Raises OSError, also where there is no memory for all of it."""
         remove_left_once()
         path = MEMORY / name
         while True:
@@ -127,10 +121,7 @@ def remove_block(name: str) -> None:
 
 @contextmanager
 def private_folder(kind: str) -> Iterator[Path]:
-    """Give a new folder among the temporary files, of this user alone, and remove it at the end. Raises OSError.
-
-    kind: a word of its name.
-    """
+    """Give a new temporary folder of this user alone, removed at the end. kind: a word of its name. Raises OSError."""
     remove_left_once()
     with ExitStack() as stack:
         while True:

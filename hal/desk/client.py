@@ -1,12 +1,8 @@
 """A client of one box's Desk: reading needs no sign-in, changing needs user, password and control.
 
 Paths, headers and codes are those of published clients (see the package). A request that changes something is never
-repeated by itself.
-
-Which certificate a box has: it is self-signed, so no authority vouches for it; it is remembered at first use.
-
-Where a person uses a box for the first time, its certificate is written to a file of the user's, and its fingerprint
-is said. From then on a connection to another certificate is refused, before user and password are sent.
+repeated by itself. A box's certificate is self-signed: at first use it is written to a file of the user's, and its
+fingerprint is said; from then on another one is refused, before user and password are sent.
 """
 
 import hashlib
@@ -53,11 +49,9 @@ class Trust:
         self.folder = folder or user_folder("XDG_CONFIG_HOME", ".config") / "desk"
 
     def file(self, address: str) -> Path:
-        """Return where the certificate of the box at HOST[:PORT] is kept."""
         return self.folder / f"{address}.pem"
 
     def knows(self, address: str) -> bool:
-        """Return whether the box was used before."""
         return self.file(address).is_file()
 
     def remember(self, address: str) -> str:
@@ -143,8 +137,6 @@ class DeskError(HardwareError):
 
 @dataclass(frozen=True, slots=True)
 class SignIn:
-    """User and password of Desk."""
-
     user: str
     password: str = field(repr=False)
 
@@ -228,7 +220,6 @@ class Desk:
         return self.control is not None and number is not None and number == self.control.number
 
     def release_control(self) -> None:
-        """Give control back."""
         self._tell("/api/system/control-token:release")
         self.control = None
 

@@ -7,11 +7,8 @@ from pathlib import Path
 from hal.base.files import write_whole
 from hal.desk.client import Control, Desk, DeskError, Trust
 
-_OVERDUE = "SelfTestsElapsed"
-
 
 def control_file(trust: Trust, address: str) -> Path:
-    """Return where control of the box at HOST[:PORT] is kept."""
     return trust.folder / f"{address}.control"
 
 
@@ -29,14 +26,10 @@ def adopt(desk: Desk, trust: Trust, address: str) -> bool:
 
 def start(desk: Desk, trust: Trust, address: str, self_test: bool = False) -> Iterator[str]:
     """Take control, unlock the brakes, change to Execution, activate FCI; give a line for each step that was needed.
-
-    Control is kept for `stop`. self_test: run it before, also where it is overdue. Raises DeskError with what a person
-    has to do first, NotTrusted.
-    """
+    Control is kept for `stop`. self_test: run it before, also where it is overdue. Raises NotTrusted, DeskError with
+    what a person has to do first."""
     state = desk.state()
-    if state.recovery == _OVERDUE and self_test:
-        pass
-    elif state.obstacles:
+    if state.obstacles and not (self_test and state.recovery == "SelfTestsElapsed"):
         raise DeskError(f"{desk.called}: {'; '.join(state.obstacles)}")
     if state.ready and not self_test:
         yield "FCI is active already"

@@ -1,6 +1,5 @@
 """What a box says of itself on its Desk, and what of that a person has to change before FCI can move the arm."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,7 +70,7 @@ def state_of(
     """Return the state that the answers give, each of them parsed JSON, or None where there was none."""
     brakes = {_word(joint, "brakeStatus") for joint in joints} if isinstance(joints, list) else set()
     left = self_tests.get("remaining") if isinstance(self_tests, dict) else None
-    left = float(left) if isinstance(left, int | float) and abs(left) < _LONGEST_S else math.nan
+    left = float(left) if isinstance(left, int | float) and abs(left) < _LONGEST_S else None
     demanded = recovery.get("recovery", recovery) if isinstance(recovery, dict) else None
     return DeskState(
         status=_word(system, "status"),
@@ -81,7 +80,7 @@ def state_of(
         fci=_word(fci, "status"),
         control=owner_of(control),
         self_test=_word(self_tests, "status"),
-        self_test_s=None if math.isnan(left) else left,
+        self_test_s=left,
         recovery=_word(demanded, "type", ""),
         version=plain(version.strip().partition("\n")[0]) if isinstance(version, str) and version.strip() else UNKNOWN,
         serial=_word(system, "controlSerialNumber"),

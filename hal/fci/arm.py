@@ -44,12 +44,9 @@ class FciArm:
         self, address: str, tool: Pad | None = None, collisions: CollisionBehaviour | None = None, *,
         name: str = "arm", enforce_realtime: bool = False,
     ) -> None:  # fmt: skip
-        """Connect and set up; an arm in reflex is set up by its recovery. Raises ConnectionLost, CommandRejected,
-        HardwareError.
-
-        tool: None leaves what is set in Desk. name: in messages, as "left arm". enforce_realtime: refuse to control on
-        a kernel that is not real-time.
-        """
+        """Connect and set up; an arm in reflex is set up by its recovery. tool: None leaves what is set in Desk. name:
+        in messages. enforce_realtime: refuse a kernel that is not real-time. Raises ConnectionLost, CommandRejected,
+        HardwareError."""
         self.address = address
         self.called = f"the {name} at {address}"
         self.state = ArmState.empty()  # that was read last
@@ -104,20 +101,16 @@ class FciArm:
     def _explained(self, error: Exception, called: str) -> HardwareError:
         if not self._limit.words[FIRED]:
             return as_hardware_error(error, called)
-        self._lost = True
-        return ConnectionLost(
-            f"{called} does not answer: no end of a call within {CALL_S:g} s; check power, cable and FCI mode in Desk"
-        )
+        self._lost, why = True, f"no end of a call within {CALL_S:g} s"
+        return ConnectionLost(f"{called} does not answer: {why}; check power, cable and FCI mode in Desk")
 
     def _configure(self) -> None:
         with self._call():
             configure(self._open_robot(), *self._setup, self.called)
 
     def set_collisions(self, collisions: CollisionBehaviour) -> None:
-        """Tell the thresholds of the next motion, where they are others; an arm in reflex is told by its recovery.
-
-        Raises CommandRejected while the arm moves, ConnectionLost.
-        """
+        """Tell other thresholds of the next motion; an arm in reflex is told by its recovery. Raises CommandRejected
+        while the arm moves, ConnectionLost."""
         tool, before = self._setup
         self._setup, self.hold_bounds = (tool, collisions), collisions.hold_bounds
         if collisions != before and not self.reflex():
@@ -125,10 +118,7 @@ class FciArm:
                 tell_collisions(self._open_robot(), collisions)
 
     def reflex(self) -> tuple[str, ...]:
-        """Return the vendor's names of the errors that an idle arm has latched, empty where it is in no reflex.
-
-        Raises ConnectionLost.
-        """
+        """Return the vendor's names of the errors that an idle arm has latched. Raises ConnectionLost."""
         return _latched(self._read_idle())
 
     def _read_idle(self) -> franka.RobotState:
@@ -145,11 +135,9 @@ class FciArm:
         return np.array(self._torques.tau_J)
 
     def start(self) -> None:
-        """Take torque control: from now on the robot wants an answer each millisecond. Raises CommandRejected.
-
-        Takes as long as the control box does, in which this process answers no other arm: see hal.fci.hold. Does
-        nothing where control was taken before.
-        """
+        """Take torque control, if it was not taken: from now on the robot wants an answer each millisecond. Lasts as
+        long as the control box takes, in which this process answers no other arm: see hal.fci.hold. Raises
+        CommandRejected."""
         if self._control is None:
             robot = self._open_robot()
             self._waits = False
@@ -164,8 +152,7 @@ class FciArm:
         return self.state.t_ns
 
     def arrived(self) -> bool:
-        """Return whether `read` returns at once, where there is a descriptor to read from. What does not follow the
-        last state is dropped."""
+        """Return whether `read` returns at once. What does not follow the last state is dropped."""
         self._waits = self.peeked is None or bool(self.peeked.look(self.socket))
         return self._waits
 
@@ -180,10 +167,7 @@ class FciArm:
             poll.poll(1e3 * left_s)
 
     def read(self) -> ArmState:
-        """Block until the next state. See hal.arm.Arm.
-
-        Raises ConnectionLost after one second without a state, CommandRejected in a reflex.
-        """
+        """Block until the next state, see hal.arm.Arm. Raises ConnectionLost after 1 s, CommandRejected in a reflex."""
         robot = self._open_robot()
         if self.unread:
             self.unread = False
@@ -213,10 +197,8 @@ class FciArm:
             mode = int(state.robot_mode)
             self._take(state, number, mode)
         if mode == RobotMode.REFLEX:
-            names = _reasons(state)
-            raise CommandRejected(
-                f"{self.called}{self.let_go} is in reflex: {', '.join(names)}; recover it first", names
-            )
+            names, arm = _reasons(state), self.called + self.let_go
+            raise CommandRejected(f"{arm} is in reflex: {', '.join(names)}; recover it first", names)
         return self.state
 
     def _take(self, state: franka.RobotState, number: int, mode: int) -> None:
@@ -263,19 +245,15 @@ class FciArm:
                     break
 
     def recover(self) -> None:
-        """Clear a reflex. Raises RecoveryRefused while its cause persists or a person has to act, ConnectionLost.
-
-        An arm in no reflex is asked nothing: a recovery must not wait there for the next error.
-        """
+        """Clear a reflex. An arm in none is asked nothing: a recovery must not wait there for the next error. Raises
+        RecoveryRefused while its cause persists or a person has to act, ConnectionLost."""
         begun = self.begin_recovery()
         if begun is not None:
             self.end_recovery(*begun)
 
     def begin_recovery(self) -> "tuple[subprocess.Popen[str], tuple[str, ...]] | None":
-        """Begin what `recover` does; return what `end_recovery` takes, None for an arm in no reflex.
-
-        Until then this arm is not connected: a robot has one client, and a process of its own asks it.
-        """
+        """Begin what `recover` does; return what `end_recovery` takes, None for an arm in no reflex. Until then this
+        arm is not connected: a robot has one client, and a process of its own asks it."""
         self._open_robot()
         self.stop()
         state = self._read_idle()
@@ -290,20 +268,17 @@ class FciArm:
         return recovery.begin(self.address), names
 
     def end_recovery(self, process: "subprocess.Popen[str]", names: tuple[str, ...]) -> None:
-        """Wait for the end of a recovery from these errors, which other threads may live through. Raises as `recover`
-        does."""
+        """Wait for the end of a recovery from these errors, while other threads go on. Raises as `recover` does."""
         status, said = recovery.end(process)
         self._connect()
         if status == recovery.REFUSED:
-            raise RecoveryRefused(
-                f"{self.called} refused: {said}; the cause persists: {', '.join(names)}; move the arm out of it"
-            )
+            cause = ", ".join(names)
+            raise RecoveryRefused(f"{self.called} refused: {said}; the cause persists: {cause}; move the arm out of it")
         if status != recovery.DONE:
             raise HardwareError(f"{self.called} could not be asked to recover: {said}")
         self._configure()
 
     def close(self) -> None:
-        """Stop and disconnect."""
         self.stop()
         self._robot = None
         self._limit.close()

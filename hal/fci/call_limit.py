@@ -1,8 +1,7 @@
 """Ends a call to libfranka that lasts too long.
 
-libfranka waits without an end for answers to its requests, and for a state that follows the last one while others come.
-pylibfranka keeps Python's lock meanwhile: no signal, no other thread gets through. So a compiled thread, which needs no
-lock, shuts down the sockets that lead to the box then, and libfranka raises an exception.
+libfranka waits without an end for answers, and for a state that follows the last one, and pylibfranka keeps Python's
+lock meanwhile. So a compiled thread, which needs no lock, shuts down the sockets to the box: libfranka then raises.
 """
 
 import socket
@@ -76,5 +75,4 @@ class CallLimit:
             self.words[CALL], self.words[_POLLS] = 0, reads
 
     def close(self) -> None:
-        """End the thread."""
         self.words[_END] = 1

@@ -1,8 +1,4 @@
-"""When the kernel received each state of an arm, and when the loop read and answered it.
-
-A look at the oldest state in the socket (hal.fci.peeked_state) tells how long states have waited here, whatever the
-loop did.
-"""
+"""When the kernel received each state of an arm (hal.fci.peeked_state), and when the loop read and answered it."""
 
 import time
 
@@ -49,7 +45,6 @@ class CycleTimes:
         self._answer = bound(_answer, peeked.words, self._words, self.sample, clock, later=(0, 0, 0))
 
     def read(self) -> None:
-        """Note that the newest state was read."""
         self._read_ns = time.monotonic_ns()
 
     def answer(self, t_ns: int) -> None:

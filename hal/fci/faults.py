@@ -16,10 +16,8 @@ _INCOMPATIBLE = "Incompatible library version"  # pylibfranka has no class of it
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Return the vendor's error names in a message, in the order of the wire.
-
-    libfranka spells one of them in two ways: tau_J_range_violation, and tau_j_range_violation in its list.
-    """
+    """Return the vendor's error names in a message, in the order of the wire. libfranka spells one in two ways:
+    tau_J_range_violation, and tau_j_range_violation in its list."""
     words = set("".join(c if c.isalnum() or c == "_" else " " for c in text.lower()).split())
     return tuple(name for name in ROBOT_ERRORS if name in words)
 
@@ -55,10 +53,7 @@ def _remedy(text: str) -> str:
 def vendor_errors(
     called: str, explained: Callable[[Exception, str], HardwareError] = as_hardware_error
 ) -> Iterator[None]:
-    """Raise hal's errors instead of pylibfranka's. For calls outside the loop: it costs too much there.
-
-    explained: returns the error for what is called so.
-    """
+    """Raise hal's errors, as `explained` returns them, for pylibfranka's. Outside the loop: it costs too much there."""
     try:
         yield
     except VENDOR as error:

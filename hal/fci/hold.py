@@ -1,10 +1,9 @@
 """Answers one arm while this process is blocked in a call to the other one.
 
 libfranka waits in start, stop and the end of a motion until the control box has changed its mode, and pylibfranka keeps
-Python's lock meanwhile: nothing else of this process runs. An arm in motion that gets no answer for 20 ms stops with
-communication_constraints_violation. So compiled code, which needs no lock, answers that arm's states with its last
-command, as the robot itself does where a packet is lost. It reads and writes the socket that libfranka has opened:
-libfranka takes the newest state that it finds, and finds a later one afterwards.
+Python's lock meanwhile. An arm in motion that gets no answer for 20 ms stops with communication_constraints_violation.
+So compiled code, which needs no lock, answers that arm's states with its last command, as the robot itself does where a
+packet is lost, on the socket that libfranka has opened: libfranka takes the newest state that it finds afterwards.
 """
 
 import threading
@@ -40,13 +39,10 @@ _ENDS = (
     "joint {joint} is at {value:.4g} rad", "joint {joint} feels {value:.3g} Nm", "the pad pushes with {value:.3g} N",
 )  # fmt: skip
 
+_message = types.int32, types.intp, types.uint64, types.int32, types.intp  # descriptor, data, size, flags, address
 _poll = types.ExternalFunction("poll", types.int32(types.intp, types.uint64, types.int32))
-_recvfrom = types.ExternalFunction(
-    "recvfrom", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.intp)
-)
-_sendto = types.ExternalFunction(
-    "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
-)
+_recvfrom = types.ExternalFunction("recvfrom", types.int64(*_message, types.intp))
+_sendto = types.ExternalFunction("sendto", types.int64(*_message, types.uint32))
 
 
 @compiled
@@ -58,10 +54,8 @@ def _note(words, found, by, joint, value, allowed):
 
 @compiled
 def _outside(state, began, bounds, force_max, words, found):
-    """Return whether a state is outside its bounds, or no number, and note which bound.
-
-    bounds (4, 7): the rows of HoldBounds; began (2, 7): where the hold began, rad, and the speed allowed, rad/s.
-    """
+    """Return whether a state is outside its bounds, or no number, and note which bound. bounds (4, 7): the rows of
+    HoldBounds; began (2, 7): where the hold began, rad, and the speed allowed, rad/s."""
     for j in range(7):
         q, dq, tau, lower, upper = state.q[j], state.dq[j], state.tau_ext_hat_filtered[j], bounds[0, j], bounds[1, j]
         if not abs(dq) <= began[1, j]:
@@ -118,11 +112,8 @@ def _answer(
 
 
 class Held(Protocol):
-    """An arm in motion that can be answered without libfranka.
-
-    hold_bounds: outside of them it is answered no more; let_go: how long the last hold lasted and which bound ended it,
-    in words to follow the arm's name, "" where none has.
-    """
+    """An arm in motion that can be answered without libfranka. hold_bounds: outside of them it is answered no more;
+    let_go: how long the last hold lasted and which bound ended it, in words to follow the arm's name, or ""."""
 
     socket: int
     hold_bounds: HoldBounds
@@ -150,7 +141,6 @@ class HoldThread:
         return Hold(arm, self._work.put)
 
     def close(self) -> None:
-        """End the thread."""
         self._work.put(None)
 
 
@@ -173,7 +163,6 @@ class Hold:
 
     @property
     def ended(self) -> bool:
-        """Whether the arm is answered no more."""
         return self._ended.is_set()
 
     def _run(self) -> None:

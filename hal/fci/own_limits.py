@@ -1,7 +1,6 @@
 """The limits that a robot has itself: those of the URDF that it answers GetRobotModel with.
 
-libfranka asks for this file when it connects, and keeps it to itself: it is asked for beside it, on a connection of its
-own, before. Layout: libfranka-common, research_interface/robot/service_types.h.
+libfranka keeps it to itself: a connection before its own asks for it (research_interface/robot/service_types.h).
 """
 
 import socket
@@ -22,10 +21,8 @@ _SUCCESS = 0
 
 
 def ask_for_urdf(address: str) -> str:
-    """Return the URDF of the robot at an address, which no client is connected to.
-
-    Raises ConnectionLost where it does not answer as a robot does, HardwareError where it refuses.
-    """
+    """Return the URDF of the robot at an address, which no client is connected to. Raises ConnectionLost where it does
+    not answer as a robot does, HardwareError where it refuses."""
     due_s = time.monotonic() + PATIENCE_S
     try:
         with (
@@ -41,9 +38,8 @@ def ask_for_urdf(address: str) -> str:
                     raise HardwareError(f"the arm at {address} does not send its model (status {answer[0]})")
     except OSError as error:
         reason = f"nothing within {PATIENCE_S:g} s" if isinstance(error, TimeoutError) else error.strerror or error
-        raise ConnectionLost(
-            f"the arm at {address} does not answer: {reason}; check power, cable and FCI mode in Desk"
-        ) from None
+        text = f"the arm at {address} does not answer: {reason}; check power, cable and FCI mode in Desk"
+        raise ConnectionLost(text) from None
     return answer[1:].rstrip(b"\0").decode(errors="replace")
 
 
@@ -59,11 +55,9 @@ def _columns(joints: list[xml.Element], element: str, *attributes: str) -> Array
 
 
 def limits_in(urdf: str, arm: str) -> OwnLimits:
-    """Return the limits of the first seven joints that have any. Raises HardwareError with one line.
-
-    A velocity limit near the position limits is libfranka's element `<position_based_velocity_limits>`. Without such a
-    limit of its own a robot reports -dq_max and 0 (ArmLimits.enforced_velocity_law), or leaves the elements out.
-    """
+    """Return the limits of the first seven joints that have any. A robot without a velocity limit of its own near the
+    position limits (`<position_based_velocity_limits>`) reports -dq_max and 0 (ArmLimits.enforced_velocity_law), or
+    leaves the elements out. Raises HardwareError with one line."""
     try:
         joints = [joint for joint in xml.fromstring(urdf).iter("joint") if joint.find("limit") is not None][:DOF]
         columns = _columns(joints, "limit", "lower", "upper", "velocity", "effort")

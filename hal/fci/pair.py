@@ -4,11 +4,8 @@ one is slow.
 A call to libfranka that the control box has to carry out lasts as long as the box takes, and nothing else of this
 process runs meanwhile. The other arm, where it is in motion, is held by hal.fci.hold for that time.
 
-Waiting for the states of several arms without sleeping through the moment when they come.
-
-A thread that sleeps in a read is woken some 50 to 100 us late, more on a virtual machine. States come every
-millisecond: so it sleeps until shortly before the next one is due, and then looks without sleeping, for a fifth of the
-time at most, which is far from what the kernel takes from a real-time thread that never rests.
+A thread that sleeps in a read is woken some 50 to 100 us late, more on a virtual machine. So it sleeps until shortly
+before the next state is due, and then looks without sleeping, for a fifth of the time at most.
 """
 
 import select
@@ -68,15 +65,12 @@ class StateWatch:
         return ready
 
     def close(self) -> None:
-        """Release the descriptor."""
         self._epoll.close()
 
 
 class FciPair:
-    """One or two connected arms: a hal.cell.ArmLink. cycles: of each arm, where it is answered by its own clock.
-
-    left, right: None for an arm that is not there. arms: those that are, by their bit of the mask.
-    """
+    """One or two connected arms: a hal.cell.ArmLink. left, right: None for an arm that is not there. arms: those that
+    are, by their bit of the mask. cycles: of each arm, where it is answered by its own clock."""
 
     def __init__(self, left: FciArm | None, right: FciArm | None, *, shared_clock: bool = False) -> None:
         self.left, self.right = left, right
@@ -110,8 +104,7 @@ class FciPair:
 
     def holding(self, arm: FciArm) -> AbstractContextManager[object]:
         """Return the context for a call to an arm that may take long: the other one, if it is in motion, goes on with
-        its last command. A robot that waits for its answer (lockstep) needs no help.
-        """
+        its last command. A robot that waits for its answer (lockstep) needs no help."""
         other = next((each for each in self.arms.values() if each is not arm), None)
         if other is None or self._shared_clock or not other.in_motion:
             return nullcontext()
@@ -136,11 +129,8 @@ class FciPair:
             arm.set_collisions(collisions)
 
     def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
-        """End the motion of all, see hal.cell.ArmLink. Never raises.
-
-        Where they do not stand still, a robot that is slow to end the first one's motion leaves the second one without
-        answers, and it stops by itself.
-        """
+        """End the motion of all, see hal.cell.ArmLink. Where they do not stand still, a robot that is slow to end the
+        first one's motion leaves the second one without answers, and it stops by itself. Never raises."""
         for side in sorted(self.arms, reverse=first == RIGHT):
             arm = self.arms[side]
             with self.holding(arm) if at_rest else nullcontext():
@@ -171,10 +161,8 @@ class FciPair:
         return tuple(done)
 
     def _meet(self) -> None:
-        """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered.
-
-        An arm may have shown that state while it was still idle: then it is read once more.
-        """
+        """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered, and one
+        that an arm has shown while it was still idle is read once more."""
         arms = list(self.arms.values())
         states = [arm.read() for arm in arms]
         for _ in range(MOST_REPEATS):
@@ -188,8 +176,7 @@ class FciPair:
 
     def wait(self) -> int:
         """Block until a state has arrived that was not read; return the mask of LEFT and RIGHT whose `read` returns at
-        once. Raises ConnectionLost, which names the arm, when one has sent nothing for STALE_S.
-        """
+        once. Raises ConnectionLost, which names the arm, when one has sent nothing for STALE_S."""
         unread = sum(side for side, arm in self.arms.items() if arm.unread)
         if unread:
             return unread
@@ -222,7 +209,6 @@ class FciPair:
         return mask
 
     def close(self) -> None:
-        """Stop the arms and disconnect."""
         self._forget_sockets()
         self._hold_thread.close()
         for arm in self.arms.values():
@@ -233,11 +219,9 @@ def open_pair(
     left_address: str | None, right_address: str | None, tools: tuple[Pad | None, Pad | None] = (None, None),
     collisions: CollisionBehaviour | None = None, *, shared_clock: bool = False, enforce_realtime: bool = False,
 ) -> FciPair:  # fmt: skip
-    """Connect to the arms, with what each of them carries; None: there is no such arm. Raises what FciArm raises, and
-    leaves nothing open then.
-
-    shared_clock: the arms are of one robot that waits for answers (lockstep): their first states are to be the same.
-    """
+    """Connect to the arms, with what each of them carries; None: there is no such arm. shared_clock: they are of one
+    robot that waits for answers (lockstep), and their first states are to be the same. Raises what FciArm raises, and
+    leaves nothing open then."""
     opened: list[FciArm | None] = []
     try:
         for name, address, tool in zip(("left arm", "right arm"), (left_address, right_address), tools, strict=True):

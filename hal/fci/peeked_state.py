@@ -1,13 +1,11 @@
 """The oldest state that waits in libfranka's socket, looked at before libfranka reads it.
 
 The kernel stamps each datagram on arrival (SO_TIMESTAMPNS, socket(7)). The first 8 bytes of a state are its number,
-which is the robot's time in ms. Where no other one waits it is the state that libfranka will read, and its values are
-taken from here, in one compiled call: libfranka gives them as lists of Python's, which takes a third of the time from a
-state to its answer.
+which is the robot's time in ms. Where no other one waits its values are taken from here, in one compiled call:
+libfranka's lists take a third of the time from a state to its answer.
 
-libfranka believes every number: after one that is ahead of the robot's time it discards all true states until the time
-has come, with Python's lock held. So a datagram that does not follow the last state is dropped here before libfranka
-reads it, and libfranka is called only while a state waits that follows.
+After a number that is ahead of the robot's time libfranka discards all true states until that time has come, with
+Python's lock held. So a datagram that does not follow the last state is dropped before libfranka reads it.
 """
 
 import contextlib
@@ -27,10 +25,8 @@ _BYTES = ROBOT_STATE.itemsize
 
 @compiled
 def unpack(datagrams, size, states, number):
-    """Write datagrams[0], of so many bytes, to states[0], of ARM_STATE; return its robot mode.
-
-    -1, and nothing is written, for one that is not state `number`, of another layout, or of a robot with errors.
-    """
+    """Write datagrams[0], of so many bytes, to states[0], of ARM_STATE; return its robot mode; -1, and write nothing,
+    for one that is not state `number`, of another layout, or of a robot with errors."""
     told = datagrams[0]
     if size != _BYTES or told.message_id != number:
         return -1
@@ -124,10 +120,7 @@ def _state(words, datagram, state, clock, number):
 
 
 class PeekedState:
-    """The oldest state in an arm's socket. In the order look, take; neither of them waits or raises.
-
-    words (WORDS,): of the last look.
-    """
+    """The oldest state in an arm's socket: look, then take; neither waits or raises. words (WORDS,): of a look."""
 
     def __init__(self, state: ArmState | None = None) -> None:
         """state: of the arm, which `take` writes to."""

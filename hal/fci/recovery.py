@@ -36,7 +36,6 @@ def end(process: "subprocess.Popen[str]") -> tuple[int, str]:
 
 
 def main() -> int:
-    """Recover the arm whose address is given. Returns the exit status."""
     try:
         franka.Robot(sys.argv[1], franka.RealtimeConfig.kIgnore).automatic_error_recovery()
     except VENDOR as error:

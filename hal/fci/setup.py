@@ -23,21 +23,16 @@ _MOMENT_TOLERANCE_KGM = 0.01  # ours: of the centre of mass, 0.1 Nm of its weigh
 
 def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None:
     """Tell an idle robot its thresholds. Raises what pylibfranka raises."""
-    robot.set_collision_behavior(
-        collisions.contact_torques, collisions.collision_torques, collisions.contact_forces, collisions.collision_forces
-    )
+    c = collisions
+    robot.set_collision_behavior(c.contact_torques, c.collision_torques, c.contact_forces, c.collision_forces)
 
 
 def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehaviour, called: str) -> None:
-    """Set an idle robot's thresholds and, unless it is None, its tool, and read the tool back.
-
-    The tool's outer face becomes the end effector, and the stiffness frame K. The robot may know the tool already (as
-    the end effector set in Desk), or nothing of it: then it is a load. What an earlier client has set must not remain:
-    frames, masses and the load's centre are compared with the state. Collision thresholds and joint impedance are not
-    in RobotState and cannot be read back; they are set at each connection. called: how a message names the arm.
-
-    Raises HardwareError where Desk has another tool, or the robot does not report what was set; and pylibfranka's.
-    """
+    """Set an idle robot's thresholds and, unless it is None, its tool, and read the tool back. The tool's outer face
+    becomes the end effector, and the stiffness frame K. Where Desk does not know it as the end effector it is a load.
+    Frames, masses and the load's centre are compared with the state, as what an earlier client has set must not remain;
+    thresholds and joint impedance cannot be read back. called: the arm in messages. Raises HardwareError where Desk has
+    another tool, or the robot does not report what was set; and pylibfranka's."""
     tell_collisions(robot, collisions)
     robot.set_joint_impedance(_JOINT_IMPEDANCE)
     if tool is None:

@@ -16,12 +16,9 @@ ROBOTS = ExtensionPoint("rtstack.robots", "robot model", RobotModel)
 DEFAULT = "fr3"
 
 
-def _ours(name: str) -> RobotModel:
-    return replace(read_robot(Path(__file__).with_name(f"{name}.toml")), reference=name)
-
-
-FR3 = _ours("fr3")
-FER = _ours("fer")
+FR3, FER = (
+    replace(read_robot(Path(__file__).with_name(f"{name}.toml")), reference=name) for name in ("fr3", "fer")
+)  # fmt: skip
 
 
 def reference_in(cell_file: Path, model: str) -> str:
@@ -31,10 +28,8 @@ def reference_in(cell_file: Path, model: str) -> str:
 
 @cache
 def robot(reference: str = DEFAULT) -> RobotModel:
-    """Return the model of a registered name, or of a TOML's path: always the same object for the same reference.
-
-    Raises RobotError with one line.
-    """
+    """Return the model of a registered name, or of a TOML's path: always the same object for the same reference. Raises
+    RobotError with one line."""
     if reference == DEFAULT:  # whatever is installed
         return FR3
     if reference.endswith(".toml"):

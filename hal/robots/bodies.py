@@ -85,8 +85,7 @@ def parsed(text: str) -> Element:
 
 
 def numbers(element: Element | None, tag: str, attribute: str, where: str) -> list[float]:
-    """Return an attribute's numbers; those of the URDF's default, where the element or the attribute is not there.
-    Raises DescriptionError."""
+    """Return an attribute's numbers, or the URDF's default where it is not there. Raises DescriptionError."""
     how_many, accepts, expected, default = _RULES[tag, attribute]
     text = default if element is None else element.get(attribute, default)
     if text is None:

@@ -13,11 +13,9 @@ HEAVIEST_ARM_KG = 200.0  # ours: 1 kg in g is more, and no joint of such an arm 
 
 
 def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits: ArmLimits) -> str:
-    """Return the URDF of the chain of `joints` and its flange's link as a text of its own. Raises DescriptionError.
-
-    Kept: every link's inertia, collision and visual geometry. Limits are the model's, whatever the text has. Each joint
-    has to turn about its z axis, the flange to be fixed to the last link, along its z.
-    """
+    """Return the URDF of the chain of `joints` and its flange's link, with every link's inertia, collision and visual
+    geometry, and the model's limits. Each joint has to turn about its z axis, the flange to be fixed to the last link,
+    along its z. Raises DescriptionError."""
     source = parsed(text)
     by_child = {linked(joint, "child"): joint for joint in source.findall("joint")}
     by_name = {joint.get("name"): joint for joint in source.findall("joint")}
@@ -48,10 +46,9 @@ def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits
     if weight > HEAVIEST_ARM_KG:
         raise DescriptionError(f"its links weigh {weight:g} kg, expected at most {HEAVIEST_ARM_KG:g} (kg; not g)")
     capsules = len(robot.findall("link/collision/geometry/cylinder"))
-    if not 0 < capsules <= LARGEST_NUMBER_OF_CAPSULES:
-        raise DescriptionError(
-            f"{capsules} collision cylinders, expected 1 to {LARGEST_NUMBER_OF_CAPSULES}: each stands for a capsule"
-        )
+    most = LARGEST_NUMBER_OF_CAPSULES
+    if not 0 < capsules <= most:
+        raise DescriptionError(f"{capsules} collision cylinders, expected 1 to {most}: each stands for a capsule")
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")
 

@@ -1,9 +1,7 @@
 """AprilTags by a camera: a process that finds one tag in each picture, by OpenCV, and passes its pose on.
 
-`python -m hal.trackers.apriltag CAMERA TAG TO_HOST TO_PORT`, with a TagCamera as JSON: to a TrackerLink
-(hal.tracker_link), in the camera's optical frame (x right, y down, z ahead), with the host's time at which the picture
-was taken. The tag's own frame: x to its right, y up, z out of it, its origin in the middle. A process of its own:
-pictures are looked at outside the loop.
+It sends to a TrackerLink (hal.tracker_link), in the camera's optical frame (x right, y down, z ahead), with the host's
+time at which the picture was taken. The tag's own frame: x to its right, y up, z out of it, its origin in the middle.
 """
 
 import json
@@ -33,11 +31,8 @@ _ACROSS_PX, _POINTS, _LEAST_STEP = 3.0, 48, 20.0
 
 
 def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array]]:
-    """Return what finds tags in a grey picture (height, width): T_camera_tag (4, 4), m, by the tags' numbers;
-    none of a number that is seen twice.
-
-    Raises ImportError where OpenCV is not installed.
-    """
+    """Return what finds tags in a grey picture (height, width): T_camera_tag (4, 4), m, by the tags' numbers; none of a
+    number that is seen twice. Raises ImportError where OpenCV is not installed."""
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()
@@ -58,9 +53,8 @@ def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array
             seen = _met(picture, four.reshape(4, 2).astype(float), cv2.remap)
             if seen is None:
                 continue
-            ok, turns, places, errors = cv2.solvePnPGeneric(
-                corners_of_tag, seen, K, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE
-            )
+            square = cv2.SOLVEPNP_IPPE_SQUARE
+            ok, turns, places, errors = cv2.solvePnPGeneric(corners_of_tag, seen, K, distortion, flags=square)
             if ok and float(np.ravel(errors)[0]) <= WORST_PX:  # the better one of the two that a square allows
                 T = np.eye(4)
                 T[:3, :3], T[:3, 3] = cv2.Rodrigues(turns[0])[0], places[0].ravel()
@@ -72,10 +66,8 @@ def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array
 
 def _met(picture: NDArray[np.uint8], corners: Array, remap: Callable[..., Any]) -> Array | None:
     """Return where the lines through a square's four sides meet, (4, 2) px; None where a side is not to be seen.
-
-    corners (4, 2): roughly. OpenCV's own refinement pulls a corner inwards by 0.1 px, which is 1 mm in depth; a side
-    has many points, each the mean place of the brightening across it.
-    """
+    corners (4, 2): roughly; OpenCV's own refinement pulls them inwards by 0.1 px, which is 1 mm in depth. A side has
+    many points, each the mean place of the brightening across it."""
     middle, lines = corners.mean(axis=0), []
     across = np.arange(-_ACROSS_PX, _ACROSS_PX + 0.01, 0.25)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):

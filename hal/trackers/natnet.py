@@ -1,11 +1,10 @@
 """OptiTrack's Motive over NatNet 3 and 4: a process that asks for the stream and passes one rigid body's poses on.
 
-`python -m hal.trackers.natnet IP PORT BODY TO_HOST TO_PORT [--multicast GROUP]`: to a hal.tracker_link.TrackerLink, in
-Motive's frame and with Motive's time stamps. A process of its own: what comes from the network is taken apart outside
-the loop.
+It sends to a hal.tracker_link.TrackerLink, in Motive's frame and with Motive's time stamps. A process of its own: what
+comes from the network is taken apart outside the loop. Nothing maintained on PyPI reads NatNet 4.
 
-Nothing maintained on PyPI reads NatNet 4. The messages as in NaturalPoint's description of the bit stream (NatNet SDK
-4.1, "direct depacketization"): little-endian; a list has its length in front, and since 4.1 its size in bytes after it.
+The messages as in NaturalPoint's description of the bit stream (NatNet SDK 4.1, "direct depacketization"):
+little-endian; a list has its length in front, and since 4.1 its size in bytes after it.
 """
 
 import contextlib
@@ -69,13 +68,6 @@ class _Reader:
             raise NatNetError("a name without an end")
         self._place = end + 1
 
-    def begin(self) -> int:
-        """Return how many entries follow."""
-        number = self.count()
-        if self.sized:
-            self.whole()
-        return number
-
     def skip_list(self, skip_entry: Callable[[], object]) -> None:
         """Skip a list by the size in front, where it stands there, else entry by entry."""
         number = self.count()
@@ -125,7 +117,10 @@ def frame_of(message: bytes, version: tuple[int, int]) -> Frame:
     reader.skip_list(lambda: reader.skip(12))  # markers without a name
     bodies: dict[int, tuple[float, ...]] = {}
     numbers: set[int] = set()
-    for _ in range(reader.begin()):
+    count = reader.count()
+    if reader.sized:
+        reader.whole()  # its bytes
+    for _ in range(count):
         number, *pose, _error, parameters = reader.take(_RIGID_BODY)
         if number in numbers:
             bodies.pop(number, None)
@@ -168,7 +163,6 @@ class _Client:
             self._sockets.append(group)
 
     def run(self) -> None:
-        """Never return."""
         asked_s = -_AGAIN_S
         while True:
             if time.monotonic() - asked_s >= _AGAIN_S:
@@ -246,8 +240,7 @@ class NatNetTracker(TrackerProcess):
 
 
 def main() -> None:
-    """Pass poses on until the process that has asked for them ends. Arguments: server, port, body, multicast group or
-    "", host, port."""
+    """Pass poses on until its parent ends. Arguments: server, port, body, multicast group or "", host, port."""
     ip, port, body, multicast, host, to_port = sys.argv[1:]
     client = _Client((ip, int(port)), int(body), (host, int(to_port)), multicast)
     ready()

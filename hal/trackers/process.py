@@ -15,7 +15,7 @@ import numpy as np
 
 from hal.base.arrays import Array
 from hal.base.realtime import end_with_parent
-from hal.tracker import ObjectPose, TrackerRequest
+from hal.tracker import TrackerRequest
 from hal.tracker_link import DATAGRAM, TrackerLink
 
 _END_S = 1.0  # to end by itself
@@ -32,11 +32,9 @@ def ready() -> None:
 
 
 def note(text: str, body: bool = False) -> None:
-    """In the process: keep what stands between the tracker and the object, "" for nothing; see hal.tracker.
-    ClosableTracker. body: it counts for a run that is about the object alone.
-
-    It stands in the file that is this process's standard input, over the last one: nothing waits for a reader.
-    """
+    """In the process: keep what stands between the tracker and the object, "" for nothing
+    (hal.tracker.ClosableTracker), in the file that is its standard input: nothing waits for a reader. body: it counts
+    for a run that is about the object alone."""
     written = (" " if body else "") + text
     os.pwrite(0, written.encode()[:_NOTE_BYTES].ljust(_NOTE_BYTES, b"\0"), 0)
 
@@ -59,15 +57,13 @@ class PoseSender:
 
 class TrackerProcess:
     """A link, and the module of ours that feeds it: `python -m MODULE ARGUMENTS... HOST PORT` of the link, which calls
-    `ready`. Returns then.
-
-    Raises OSError, ValueError for a request without the number of what is followed.
-    """
+    `ready`. Raises OSError, ValueError for a request without the number of what is followed."""
 
     def __init__(self, request: TrackerRequest, module: str, *arguments: str) -> None:
         if request.body is None:
             raise ValueError("the number of the object's rigid body or tag is missing: [tracker.bodies.OBJECT] id")
         self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
+        self.latest = self._link.latest
         command = [sys.executable, "-m", module, *arguments, *map(str, self._link.address)]
         self._note = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         self._process = subprocess.Popen(command, stdin=self._note, stdout=subprocess.PIPE)
@@ -77,19 +73,13 @@ class TrackerProcess:
                 self.close()
                 raise OSError(errno.ECHILD, f"{module} did not begin")
 
-    def latest(self) -> ObjectPose:
-        """Return the newest pose, see hal.tracker_link.TrackerLink."""
-        return self._link.latest()
-
     def trouble(self, about: bool) -> str:
-        """See hal.tracker.ClosableTracker."""
         if self._process.poll() is not None:
             return f"is not read any more: its process has ended with {self._process.returncode}; begin again"
         text = os.pread(self._note.fileno(), _NOTE_BYTES, 0).rstrip(b"\0").decode(errors="replace")
         return (text.strip() if about or not text.startswith(" ") else "") or self._link.trouble(about)
 
     def close(self) -> None:
-        """End the process."""
         self._process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
