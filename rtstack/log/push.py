@@ -1,8 +1,8 @@
 """The writer's side of rings, compiled: a record costs a copy and four atomic stores. Imported only by writers.
 
-Seqlock of one writer: record n lives in slot n mod capacity; its sequence word is 2n + 1 while it is being
-written and 2n + 2 afterwards, and the ring's head is the number of records published. See Boehm, "Can
-seqlocks get along with programming language memory models?", MSPC 2012, for the order of the stores.
+Seqlock of one writer: record n lives in slot n mod capacity; its sequence word is 2n + 1 while it is being written and
+2n + 2 afterwards, and the ring's head is the number of records published. The order of the stores: Boehm, "Can seqlocks
+get along with programming language memory models?", MSPC 2012.
 """
 
 from typing import Any
@@ -55,11 +55,8 @@ def copy_bytes(_typing: Any, _target: Any, _source: Any, _size: Any) -> Any:
 
 @compiled("void(int64, int64, int64, int64, int64)", nogil=True)
 def push(head: int, slots: int, stride: int, mask: int, record: int) -> None:
-    """Copy the record at address `record` into the ring whose head and slots are at these addresses.
-
-    stride: bytes a slot (8 of them the sequence word); mask: capacity - 1. Wait-free, never raises. Callable
-    from compiled code too.
-    """
+    """Copy the record at address `record` into the ring whose head and slots are at these addresses. stride: bytes a
+    slot (8 of them the sequence word); mask: capacity - 1. Wait-free, never raises, also called by compiled code."""
     number = _load(head)  # pyright: ignore[reportCallIssue] (numba passes the typing context itself)
     slot = slots + (number & mask) * stride
     _store_release(slot, 2 * number + 1)

@@ -232,8 +232,7 @@ class Log:
         return sorted(found, key=lambda message: message[0])
 
     def pictures(self, topic: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
-        """Return a camera's pictures as (t_ns, JPEG), like `messages`, in order. Raises LogError for H.264 without
-        PyAV."""
+        """Return a camera's pictures as (t_ns, JPEG), like `messages`. Raises LogError for H.264 without PyAV."""
         schemas = [self._schema(each) for each in self._channels(topic)]
         if not schemas:
             return []
@@ -274,10 +273,8 @@ class Log:
 
     def _afford(self, topic: str, each: int) -> None:
         """Raise LogError where a topic's messages, with so many bytes each, need far more memory than the file."""
-        if self.count(topic) * each > growth_max(self.path.stat().st_size):
-            raise LogError(
-                f"{self.path} is not read: {self.count(topic)} messages of {topic} are too many for its size"
-            )
+        if (count := self.count(topic)) * each > growth_max(self.path.stat().st_size):
+            raise LogError(f"{self.path} is not read: {count} messages of {topic} are too many for its size")
 
     def _schema(self, channel: int) -> Schema:
         found = self._contents.channels[channel]

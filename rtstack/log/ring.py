@@ -1,13 +1,14 @@
 """Shared-memory rings between the real-time loop and who watches it: one ring a topic, one block for all.
 
-One writer, any number of readers, neither waits for the other: a reader that is too slow loses records and knows
-how many. The block also carries how far the log process has read, its state, and the request to finish.
+No side waits for the other: a reader that is too slow loses records and knows how many. The block also carries how far
+the log process has read, its state, and the request to finish.
 """
 
 import os
 import secrets
 import threading
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from enum import IntEnum
 from typing import Any
 
@@ -51,40 +52,30 @@ def _slot_dtype(topic: str) -> np.dtype:
 class Pusher:
     """The writer's side of one ring. One thread of one process pushes."""
 
-    __slots__ = ("_address", "_dtype", "_head", "_keep", "_mask", "_push", "_record", "_slots", "_stride")
+    __slots__ = ("_dtype", "_keep", "_push", "_record", "_row")
 
     def __init__(self, head: NDArray[np.int64], slots: NDArray[Any]) -> None:
         from rtstack.log.push import push  # numba: only who pushes pays for its import
 
-        self._push = push
-        self._keep = (head, slots)
-        self._head = head.ctypes.data
-        self._slots = slots.ctypes.data
-        self._stride = slots.dtype.itemsize
-        self._mask = len(slots) - 1
+        self._push, self._keep = push, (head, slots)
         self._dtype = slots.dtype["record"]
         self._record: NDArray[Any] | None = None
-        self._address = 0
+        self._row = head.ctypes.data, slots.ctypes.data, slots.dtype.itemsize, len(slots) - 1, 0
 
     def push(self, record: NDArray[Any]) -> None:
-        """Publish a copy of `record`, shape (1,), of the topic's dtype. Never waits and never allocates.
-
-        The first push of an array looks up its address and checks it (TypeError): push the same array always.
-        """
+        """Publish a copy of `record`, (1,), of the topic's dtype. Never waits or allocates. The first push of an array
+        looks up its address and checks it (TypeError): push the same array always."""
         if record is not self._record:
             self.bind(record)
-        self._push(self._head, self._slots, self._stride, self._mask, self._address)
+        self._push(*self._row)
 
     def bind(self, record: NDArray[Any]) -> tuple[int, int, int, int, int]:
-        """Look up where `record` is, as the first push of it does. Returns a row for `rtstack.log.push.push_all`.
-
-        The row holds addresses: keep the pusher and the record as long as it is used.
-        """
+        """Look up where `record` is; return a row for `rtstack.log.push.push_all`. The row holds addresses: keep the
+        pusher and the record as long as it is used."""
         if record.dtype != self._dtype or record.shape != (1,):
             raise TypeError(f"a record of shape (1,) and dtype {self._dtype} is needed, not {record.dtype}")
-        self._record = record
-        self._address = record.ctypes.data
-        return self._head, self._slots, self._stride, self._mask, self._address
+        self._record, self._row = record, (*self._row[:4], record.ctypes.data)
+        return self._row
 
 
 class RingReader:
@@ -136,7 +127,7 @@ class RingReader:
                     return record
 
 
-class Rings:
+class Rings(AbstractContextManager["Rings", None]):
     """All rings of a trial. The process that creates them owns the block and unlinks it in `close`."""
 
     def __init__(self, block: Block) -> None:
@@ -148,10 +139,8 @@ class Rings:
 
     @classmethod
     def create(cls, capacity: int = CAPACITY, capacities: Mapping[str, int] | None = None) -> "Rings":
-        """Create the block: `capacity` records a topic, a power of two; `capacities` overrides single topics.
-
-        Raises ValueError for a capacity that is no power of two, LogError where shared memory is exhausted.
-        """
+        """Create the block: `capacity` records a topic; `capacities` overrides single topics. Raises ValueError for a
+        capacity that is no power of two, LogError where shared memory is exhausted."""
         sizes = {topic: (capacities or {}).get(topic, capacity) for topic in TOPICS}
         for topic, records in sizes.items():
             if records < 2 or records & (records - 1):
@@ -201,18 +190,14 @@ class Rings:
         return RingReader(*self._ring(topic), 0, publishes=True)
 
     def room(self) -> int:
-        """Return how many records every ring takes before the log loses one.
-
-        A run that is faster than real time waits, outside of the tick, while there is little room. Without a
-        log process to wait for (it failed or finished) there is always room.
-        """
+        """Return how many records every ring takes before the log loses one: a run that is faster than real time waits
+        for it, outside of the tick. Without a log process to wait for (it failed or finished) there is always room."""
         if self._control["state"][0] >= LogState.FAILED:
             return self.capacity
         return max(0, int((self._consumed - self._heads + self._capacities).min()))
 
     @property
     def capacity(self) -> int:
-        """Records that the smallest ring holds."""
         return int(self._capacities.min())
 
     def lost(self, topic: str) -> int:
@@ -252,7 +237,6 @@ class Rings:
 
     @property
     def closing(self) -> bool:
-        """Whether the log process was told to finish."""
         return bool(self._control["closing"][0])
 
     def request_close(self) -> None:
@@ -262,9 +246,6 @@ class Rings:
     def close(self) -> None:
         """Unlink the block, if it is ours. Existing views stay valid. May be called twice."""
         self._block.close()
-
-    def __enter__(self) -> "Rings":
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()

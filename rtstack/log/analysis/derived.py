@@ -22,14 +22,10 @@ VELOCITY_TICKS = 2  # on each side: 2 mm/s of the encoders' noise are left
 LEAST_SPEED_M_S = 0.02  # of a reference: below it a lag in time says nothing
 _FIELDS = (
     Field("pad_force", "Norm of the force between pad and environment, {unit}.", "N", plain="pad force"),
-    Field(
-        "pad_position", "Where the pad's face is, {unit}.", "m", POSITION, "world", plain="pad position",
-        reference="pose_ref",
-    ),
-    Field(
-        "pad_velocity", "Velocity of the pad's face, {unit}.", "m/s", TWIST[:3], "world", plain="pad velocity",
-        reference="twist_ref",
-    ),
+    Field("pad_position", "Where the pad's face is, {unit}.", "m", POSITION, "world", plain="pad position",
+          reference="pose_ref"),
+    Field("pad_velocity", "Velocity of the pad's face, {unit}.", "m/s", TWIST[:3], "world", plain="pad velocity",
+          reference="twist_ref"),
     Field("tracking_error", "Distance of the pad's face from its reference, {unit}.", "mm", plain="tracking error"),
     Field("lag", "How far the pad is behind its reference along its way, {unit}.", "ms", plain="lag"),
 )  # fmt: skip
@@ -96,7 +92,6 @@ class DerivedSamples:
         return self._make(min(newest, len(self._t_ns) - VELOCITY_TICKS))
 
     def rest(self) -> NDArray:
-        """Return the last samples."""
         return self._make(len(self._t_ns))
 
     def _make(self, end: int) -> NDArray:
@@ -114,11 +109,9 @@ class DerivedSamples:
         reference = self._reference_at(found["t_ns"])
         ahead, velocity = reference[:, :3] - found["pad_position"], reference[:, 3:]
         found["tracking_error"] = 1e3 * np.linalg.norm(ahead, axis=1)
-        square = np.einsum("ni,ni->n", velocity, velocity)
+        square, along = (np.einsum("ni,ni->n", each, velocity) for each in (velocity, ahead))
         moving = square > LEAST_SPEED_M_S**2
-        found["lag"] = np.where(
-            moving, 1e3 * np.einsum("ni,ni->n", ahead, velocity) / np.where(moving, square, 1), np.nan
-        )
+        found["lag"] = np.where(moving, 1e3 * along / np.where(moving, square, 1), np.nan)
         self._forget(max(0, end - VELOCITY_TICKS), end)
         return found
 

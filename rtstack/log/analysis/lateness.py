@@ -1,9 +1,8 @@
 """Who was late: each late cycle of a log is laid to the robot, the wire or the host. A pure function of its records.
 
-A robot sends a state each millisecond of its clock, and takes an answer that comes within one. The kernel's stamp of a
-state, against a line through the least delayed ones, says how late it came; from there to the answer is the host's. A
-state that came late was sent late (ROBOT) or was on its way (WIRE): while it was on its way the robot's clock went on,
-and the robot itself has counted the milliseconds without an answer (`control_command_success_rate`).
+A robot sends a state each millisecond of its clock, and takes an answer within one. The kernel's stamp of a state,
+against a line through the least delayed ones, says how late it came; from there on it is the host's. A state that came
+late was sent late (ROBOT), or was on its way (WIRE) while the robot counted milliseconds without an answer.
 """
 
 from collections import Counter
@@ -54,12 +53,10 @@ class HostCause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LateCycle:
-    """One late cycle. t_s: since the first one; late_us: from when the state was due to its answer.
-
-    Parts, us: outside_us until the state came, then the host's: busy_us with the cycle before, wake_us until the loop
-    looked, read_us for the socket, tick_us from the state to the answer. missing: states that never came; passed_over:
-    that had come when a newer one was read; unanswered: milliseconds that the robot has counted without an answer.
-    """
+    """One late cycle. t_s: since the first one; late_us: from when the state was due to its answer. Parts, us:
+    outside_us until the state came, then the host's: busy_us with the cycle before, wake_us until the loop looked,
+    read_us for the socket, tick_us from the state to the answer. missing: states that never came; passed_over: that had
+    come when a newer one was read; unanswered: ms that the robot has counted without an answer."""
 
     t_s: float
     side: str
@@ -86,13 +83,11 @@ class Lateness:
 
     @property
     def shares(self) -> dict[str, int]:
-        """How many late cycles are whose, for all that there are."""
         counts = Counter(cycle.blame.value for cycle in self.late)
         return {blame.value: counts[blame] for blame in Blame if counts[blame]}
 
     @property
     def causes(self) -> dict[str, int]:
-        """What the host did in those that are its own."""
         counts = Counter(cycle.cause.value for cycle in self.late if cycle.blame is Blame.HOST)
         return dict(counts.most_common())
 
@@ -135,7 +130,6 @@ class Lateness:
 
     @property
     def line(self) -> str:
-        """One line for people."""
         if not self.late:
             return f"none of {self.cycles} cycles was late"
         shares = ", ".join(f"{count} {name}" for name, count in self.shares.items())
@@ -178,11 +172,9 @@ def lateness(
 
 
 def state_delays_us(cycles: NDArray) -> NDArray:
-    """Return how much later than the least delayed states around it each state came, (n,) of CYCLE records (n,).
-
-    A state's delay is the host's time of its arrival minus the robot's time. Of the least delays before and after it
-    the larger one counts, as it was one state before: so a clock that has stood still is late once.
-    """
+    """Return how much later than the least delayed states around it each state came, (n,) of CYCLE records (n,): of the
+    least delays (the host's time of arrival minus the robot's) before and after it the larger one counts, as it was one
+    state before, so that a clock that has stood still is late once."""
     delay_us = cycles["arrived_us"] - _oldest_us(cycles)
     before, after = (
         minimum_filter1d(delay_us, _WINDOW + 1, mode="nearest", origin=origin)
@@ -264,10 +256,8 @@ def _lost_on_time(t_ns: NDArray, late: NDArray, arm: NDArray) -> NDArray:
 
 
 def _robot_or_wire(away_us: float, counted: int, own_us: float) -> Blame:
-    """Tell a robot that was late from a wire, by the milliseconds that the robot has counted without an answer.
-
-    An answer that the host was late with, own_us after its state, may be one of these.
-    """
+    """Tell a late robot from a wire, by the milliseconds that the robot has counted without an answer. One that the
+    host was late with, own_us after its state, may be among them."""
     passed, hosts = max(1, int(away_us / PERIOD_US)), int(np.ceil(own_us / PERIOD_US)) if own_us > _PROMPT_US else 0
     if counted < 0:
         return Blame.ROBOT_OR_WIRE

@@ -1,8 +1,7 @@
 """Which curves a log has: every number of every record, with its name, unit and place in the tree.
 
-A name is `side.field.component`, as in an address of the review page: left.tau_J.4, right.force_norm,
-timing.period_us, object.position.z. Joints count from 1. What is derived
-comes first, then what is recorded.
+A name is `side.field.component`, as in an address of the review page: left.tau_J.4, right.force_norm. Joints count from
+1. What is derived comes first, then what is recorded.
 """
 
 import difflib
@@ -25,11 +24,8 @@ DEFAULT = ("left.pad_force", "right.pad_force", "left.force_norm", "left.pad_vel
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One curve: column `column` of the columns of `topic`, counted over its fields and their components.
-
-    plain: the field in words; whose: the arm's or both arms'; reference: the name of the signal that this one is to
-    follow, empty where there is none.
-    """
+    """One curve: column `column` of `topic`, counted over its fields and their components. plain: the field in words;
+    whose: the arm's or both arms'; reference: the name of the signal that this one is to follow, or empty."""
 
     name: str
     topic: str
@@ -67,18 +63,15 @@ def signals() -> dict[str, Signal]:
 
 
 def matching(words: Sequence[str]) -> list[Signal]:
-    """Return the signals that words name: a whole name, or a part between dots: left.tau_J, pad_force, tau_J.4.
-
-    Raises LogError, in one line, for a word that names none.
-    """
+    """Return the signals that words name: a whole name, or a part between dots: left.tau_J, pad_force, tau_J.4. Raises
+    LogError for a word that names none."""
     found: dict[str, Signal] = {}
     for word in words:
         inside = f".{word}."
         hits = [signal for signal in signals().values() if inside in f".{signal.name}."]
         if not hits:
-            near = difflib.get_close_matches(
-                word, [*signals(), *{signal.field for signal in signals().values()}], 3, 0.5
-            )
+            names = [*signals(), *{signal.field for signal in signals().values()}]
+            near = difflib.get_close_matches(word, names, 3, 0.5)
             meant = f", did you mean {' or '.join(near)}?" if near else "."
             raise LogError(f"unknown signal {word!r}{meant} There are: {_fields()}")
         found |= {signal.name: signal for signal in hits}

@@ -55,10 +55,7 @@ class Contents:
     small: dict[int, int] = field(default_factory=dict)  # bytes of each kind of small records so far
 
     def messages(self, file: BinaryIO, part: Part) -> tuple[bytes, NDArray[Any]]:
-        """Return a part's data, and where its messages are; keep the schemas and channels that it defines.
-
-        Raises LogError where it is damaged.
-        """
+        """Return a part's data, and where its messages are; keep its schemas and channels. Raises LogError."""
         data = container.section_data(file, part.section) if part.rest is None else part.rest
         table, definitions, conflicts, end = container.walk(data, self.seen)
         try:
@@ -160,10 +157,8 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
 
 
 def read_contents(file: BinaryIO, end: End, trusts: bool = True) -> Contents:
-    """Return what a finished file holds; trusts: by the summary, where that says enough.
-
-    Raises LogError for a file that is damaged, or that expands to more than `growth_max`.
-    """
+    """Return what a finished file holds; trusts: by the summary, where that says enough. Raises LogError for a file
+    that is damaged, or that expands to more than `growth_max`."""
     summary = read_summary(file, end)
     if trusts and summary.whole:
         try:

@@ -29,7 +29,6 @@ class Instants:
     known: dict[str, Known]
 
     def stamps(self, rows: NDArray[np.intp] | None = None) -> list[Timestamp]:
-        """Return the instants, or those of the rows, as time stamps."""
         return [stamp(t) for t in (self.t_ns if rows is None else self.t_ns[rows]).tolist()]
 
 
@@ -47,10 +46,8 @@ class InstantFinder:
         self._held: dict[str, NDArray] = {}  # of each arm, and of the object: the newest record of the batches so far
 
     def find(self, arms: dict[str, NDArray], poses: NDArray) -> Instants:
-        """Return the instants in a batch: its ARM_SAMPLE records of each side, its OBJECT_POSE records.
-
-        The first side that has samples sets the times; everything else is the newest that was seen until then.
-        """
+        """Return the instants in a batch of ARM_SAMPLE records of each side and OBJECT_POSE records. The first side
+        that has samples sets the times; everything else is the newest that was seen until then."""
         leader = next((arms[side] for side in SIDES if len(arms[side])), arms[SIDES[0]])
         due = np.array(self._due(leader["t_ns"]), np.int64)
         found: dict[str, Known] = {}

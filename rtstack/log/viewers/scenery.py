@@ -33,10 +33,7 @@ class Scenery:
         self._voxels = shapes  # until they were said
 
     def update(self, arms: dict[str, NDArray], poses: NDArray) -> Messages:
-        """Return the messages that are due in a batch, as (t_ns, bytes) by topic.
-
-        arms: the batch's ARM_SAMPLE records of each side; poses: its OBJECT_POSE records.
-        """
+        """Return what is due in a batch, as (t_ns, bytes) by topic. arms: ARM_SAMPLE by side; poses: OBJECT_POSE."""
         instants = self._instants.find(arms, poses)
         if not len(instants.t_ns):
             return {}

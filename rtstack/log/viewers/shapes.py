@@ -1,7 +1,6 @@
 """The topics /scene and /forces: what a viewer of foxglove.SceneUpdate draws, solids in their frames and arrows.
 
-The solids hang in the frames of /tf and move with them, so that they are said once a second, for a reader that begins
-late; only the arrows are new at each instant.
+The solids move with the frames of /tf: they are said once a second, for a reader that begins late, the arrows always.
 """
 
 import math
@@ -129,6 +128,5 @@ def pose(position: Iterable[float], wxyz: Iterable[float] = (1.0, 0.0, 0.0, 0.0)
 
 
 def vector(values: Iterable[float]) -> fox.Vector3:
-    """Return three numbers as Foxglove has them."""
     x, y, z = map(float, values)
     return fox.Vector3(x=x, y=y, z=z)

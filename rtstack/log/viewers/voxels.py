@@ -1,7 +1,6 @@
 """The topics /shapes/BODY: the solids of each body as voxels in its frame of /tf, which Rerun's importer draws.
 
-Of foxglove.SceneUpdate it makes nothing (rerun-sdk 0.41). One topic a body, since Rerun keeps one value a topic; said
-once, since the grids move with their frames.
+It ignores foxglove.SceneUpdate (rerun-sdk 0.41), and keeps one value a topic. Said once: the grids move with frames.
 """
 
 from functools import lru_cache

@@ -1,14 +1,9 @@
-"""Records to protobuf and back, whole batches at once.
+"""Records to protobuf and back, whole batches at once, and their schema, made from the topic table without protoc.
 
-A sample has a fixed layout, and so have its bytes on the wire: tags and lengths never change, doubles are 8
-bytes. The bytes of a message are therefore a structured dtype, and a batch is encoded by copying columns into
-an array of it. What does not fit the template (names of errors, an enum value above 127) follows it: protobuf
-takes fields in any order, and the last value of a field wins.
-https://protobuf.dev/programming-guides/encoding/
-
-Protobuf schema of the log's own messages, made from the topic table: a FileDescriptorSet, without protoc.
-
-The field names are the records'. t_ns is no field: MCAP's log_time carries it.
+A sample's bytes on the wire have a fixed layout: they are a structured dtype, and a batch is encoded by copying columns
+into an array of it. What does not fit (names of errors, an enum value above 127) follows it: protobuf takes fields in
+any order, and the last value of a field wins (https://protobuf.dev/programming-guides/encoding/). The field names are
+the records'. t_ns is no field: MCAP's log_time carries it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -110,11 +105,9 @@ class WireField:
 
 
 class WireFormat:
-    """A message on the wire: `template` is the dtype of one without names of bits, `size` its bytes.
-
-    record: what it is decoded into; fields: in the order of their bytes.
-    Fields that the record does not have are passed over, and of what only the record has nothing is known: zeros.
-    """
+    """A message on the wire: `template` is the dtype of one without names of bits, `size` its bytes. record: what it is
+    decoded into; fields: in the order of their bytes. Those that the record does not have are passed over; what only
+    the record has is zero."""
 
     def __init__(self, record: np.dtype, fields: Sequence[WireField]) -> None:
         self.record = record
@@ -233,11 +226,9 @@ def _own_field(field: Field, number: int) -> WireField:
 
 
 def wire_format_of(message: Message, descriptor: Descriptor, counts: Mapping[str, int]) -> WireFormat | None:
-    """Return the format of messages that an older or a newer version wrote, by the descriptor in their file.
-
-    counts: how long the arrays of its messages are, by field. None where a field has a form that we never wrote, or
-    another one than ours has: such messages are for the protobuf library.
-    """
+    """Return the format of messages that another version wrote, by the descriptor in their file. counts: the lengths of
+    their arrays, by field. None where a field has a form that we never wrote, or another than ours: such messages are
+    for the protobuf library."""
     ours, fields = {field.name: field for field in message.fields}, []
     for described in sorted(descriptor.fields, key=lambda field: field.number):
         name, number = described.name, described.number

@@ -51,27 +51,22 @@ class _File:
 
 
 class McapWriter:
-    """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time.
-
-    Every method raises OSError when the disk refuses.
-    """
+    """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time. Every
+    method raises OSError when the disk refuses."""
 
     def __init__(
         self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}, scenery: Scenery | None = None,
         times: NDArray[np.void] | None = None,
     ) -> None:  # fmt: skip
-        """pictures: the topics of cameras. scenery: makes messages for viewers of the records.
-
-        times: the run's TIMES (1,), of which the log has a metadata record, None where it is no recording.
-        """
+        """pictures: the topics of cameras. scenery: makes messages for viewers of the records. times: the run's TIMES
+        (1,), None where the log is no recording."""
         self._file = _File(file)
         self._scenery = scenery
         # kept here: the channels hold no reference to their context, and fall silent without it
         self._context = context = foxglove.Context()
         # without seeking, a chunk is written in one piece: a killed writer leaves whole chunks behind
-        options = MCAPWriteOptions(
-            compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0
-        )
+        lz4 = MCAPCompression.Lz4
+        options = MCAPWriteOptions(compression=lz4, disable_seeking=True, chunk_size=None, compression_threads=0)
         self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
         # as foxglove.Channel makes it, which keeps each one as long as the process lives: 150 kB a log
         self._channels = {
@@ -87,9 +82,8 @@ class McapWriter:
     @classmethod
     def of_job(cls, file: BinaryIO, job: LogJob, times: NDArray[np.void]) -> "McapWriter":
         """Begin the file of a job. times: the run's."""
-        pictures: dict[str, foxglove.Schema] = {}
-        for camera in job.cameras:
-            pictures |= camera_schemas(camera.name, camera.video)
+        schemas = (camera_schemas(camera.name, camera.video) for camera in job.cameras)
+        pictures = {topic: schema for each in schemas for topic, schema in each.items()}
         writer = cls(file, pictures, Scenery(job.cell) if job.cell else None, times)
         writer.begin(job.metadata, job.attachments)
         return writer
@@ -111,10 +105,7 @@ class McapWriter:
         self._guard(partial(self._writer.attach, log_time=0, create_time=time.time_ns(), **about))
 
     def write(self, batches: dict[str, NDArray], made: Messages | None = None) -> None:
-        """Write records of all topics and the messages that were made from them, in order of robot's time.
-
-        made: those of the scenery where they are not given.
-        """
+        """Write records of all topics, and messages made from them (by default the scenery's), by robot's time."""
         if self._times is not None and not self._timed and self._times["unix_ns"][0, 0]:
             self._timed = True  # once here, for a log without an end
             self.write_metadata(RECORD, time_record(self._times))

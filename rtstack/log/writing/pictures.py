@@ -80,8 +80,7 @@ class PictureRing:
         self._head["error"][0], self._head["raised"][0] = reason.encode("utf-8"), raised
 
     def write(self, t_ns: int, picture: bytes) -> None:
-        """Add a picture at the log's time t_ns, once there is room, or in the place of the oldest one. One that is too
-        large is left out."""
+        """Add a picture at the log's time t_ns, once there is room, or over the oldest one; none that is too large."""
         if len(picture) > LARGEST_BYTES:
             return
         count, until_s = int(self._head["written"][0]), time.monotonic() + PATIENCE_S
@@ -139,8 +138,7 @@ def picture_message(name: str, t_ns: int, picture: bytes, video: bool = False) -
 @dataclass(frozen=True, slots=True)
 class LoggedCamera:
     """A camera as the log process needs it. ring: its name; K (9,): row-major, px; pose (7,): T_world_camera, m, wxyz,
-    the camera looking along its z, its x to the picture's right. video: its pictures are H.264.
-    """
+    looking along its z, its x to the picture's right. video: its pictures are H.264."""
 
     name: str
     ring: str

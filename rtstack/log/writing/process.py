@@ -1,7 +1,6 @@
 """The log process: rings in, MCAP out. Started by rtstack.log.writer with two open files, never by hand.
 
-It ends when it is told to, or when its parent is gone, and finishes the file either way. Everything that may
-block (compression, the disk) happens here.
+It ends on request, or when its parent is gone, and finishes the file either way. All that may block happens here.
 """
 
 import os
@@ -49,11 +48,8 @@ class RingDrain:
         self._writer.flush_if_due()
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
-        """Hold back whatever is not older than the newest tick that every topic has told about.
-
-        What a tick says, it says before the next tick's samples: what is older is complete, and the file does not
-        depend on when the rings are read.
-        """
+        """Hold back what is not older than the newest tick of every topic. What a tick says, it says before the next
+        tick's samples: what is older is complete, whenever the rings are read."""
         for topic in TICK_TOPICS:
             if len(batches[topic]):
                 self._newest[topic] = int(batches[topic]["t_ns"][-1])
