@@ -58,8 +58,7 @@ class _Shown:
         return self._pictures[-1].t_ns < self._first_ns + behind_ns // self._period_ns * self._period_ns
 
     def wait(self, t_ns: int) -> None:
-        """Wait until it has shown what is due by t_ns. A camera that says nothing for long is waited for again once it
-        has shown something."""
+        """Wait for what is due by t_ns. A camera that was quiet for long is waited for once it shows something."""
         self.take()
         until_s = time.monotonic() + _PATIENCE_S
         while self._period_ns and self._gave_up != self._next and self.lacks(t_ns):

@@ -4,14 +4,6 @@ from rtstack.cells.description import default_cell_file, load_description
 from rtstack.cells.kinds import CELLS, IDEAL, CellKind, CellRequest, kind_of, open_cell, profile_of, with_profile
 
 __all__ = [
-    "CELLS",
-    "IDEAL",
-    "CellKind",
-    "CellRequest",
-    "default_cell_file",
-    "kind_of",
-    "load_description",
-    "open_cell",
-    "profile_of",
-    "with_profile",
-]
+    "CELLS", "IDEAL", "CellKind", "CellRequest", "default_cell_file", "kind_of", "load_description", "open_cell",
+    "profile_of", "with_profile",
+]  # fmt: skip

@@ -34,10 +34,9 @@ DEMONSTRATION_CAP: dict[str, Any] = {"ee_speed_max": 0.6, "force_max": CONTACT_F
 _START_RAD_S = 0.2
 # kinds of run that wait, each with what it does
 _AFTER_A_GRAB = {
-    "trial": "a trial hits its object",
-    "hit": "the pad hits the platform",
+    "trial": "a trial hits its object", "hit": "the pad hits the platform",
     "identification": "its joints turn at up to 1 rad/s",
-}
+}  # fmt: skip
 _GRABS = {"demonstration": "a demonstration hits its object", "place": "the pads take an object"}
 
 
@@ -79,17 +78,14 @@ class StepState:
 
     @property
     def done(self) -> bool:
-        """Whether the step was signed for this cell as it is."""
         return self.signature is not None and not self.changed
 
 
 def record_file(cell_file: Path) -> Path:
-    """Return the path of the record of a cell's file."""
     return cell_file.with_name(f"{cell_file.stem}.commissioning.toml")
 
 
 def steps(description: CellDescription) -> tuple[Step, ...]:
-    """Return the steps of a cell in their order."""
     arms = description.mountings
     kind = "fci:" + ",".join(arms[side].address if side in arms else "" for side in SIDES).rstrip(",")
     box, pad, base, firmware = ([f"{side} {fact}" for side in arms] for fact in ("box", "pad", "base", "firmware"))
@@ -145,10 +141,7 @@ def known_firmware(signed: Sequence[Signature]) -> dict[str, str]:
 
 
 def states(description: CellDescription, cell_file: Path) -> tuple[StepState, ...]:
-    """Return each step of a cell with its last signature. description: as the file has it.
-
-    Raises ConfigurationError.
-    """
+    """Return each step of a cell, as its file describes it, with its last signature. Raises ConfigurationError."""
     signed = signatures(cell_file)
     now = facts(description, {}) | {f"{side} firmware": of for side, of in known_firmware(signed).items()}
     last = {each.name: each for each in signed}
@@ -164,10 +157,8 @@ def sign(
     step: str, by: str, values: Mapping[str, float | str], description: CellDescription, cell_file: Path | None,
     firmware: Mapping[str, str] | None = None, log: str = "",
 ) -> None:  # fmt: skip
-    """Append a signed step to the record. firmware: by side; None: as it was when the arms were held last.
-
-    Raises ConfigurationError for an unknown step, an empty name and a file that cannot be written.
-    """
+    """Append a signed step to the record. firmware: by side; None: as it was when the arms were held last. Raises
+    ConfigurationError for an unknown step, an empty name and a file that cannot be written."""
     if cell_file is None or description.simulated:
         raise ConfigurationError("only a cell of real arms is commissioned: name its file with --cell-file")
     names = [each.name for each in steps(description)]
@@ -190,8 +181,6 @@ def sign(
 
 @dataclass(frozen=True, slots=True)
 class Commissioning:
-    """Where the commissioning of a cell is."""
-
     states: tuple[StepState, ...]
 
     @property
@@ -225,9 +214,8 @@ class Commissioning:
         own = FORCES_BY_PHASE | description.safety
         tighter = {key: np.minimum(own.get(key, most), most).tolist() for key, most in cap.items()}
         slow = replace(description.start_motion, speed_rad_s=min(_START_RAD_S, description.start_motion.speed_rad_s))
-        return replace(
-            description, safety=description.safety | tighter, start_motion=slow, refused=refused, commissioning=line
-        )
+        safety = description.safety | tighter
+        return replace(description, safety=safety, start_motion=slow, refused=refused, commissioning=line)
 
 
 def _sound(state: StepState) -> bool:
@@ -236,10 +224,8 @@ def _sound(state: StepState) -> bool:
 
 
 def commissioned(kind: str, description: CellDescription, cell_file: Path) -> CellDescription:
-    """Return the description of a cell, capped where its arms are real and its commissioning is not complete.
-
-    kind: of the cell, as the command line spells it. Raises TrialError, ConfigurationError.
-    """
+    """Return the description of a cell, capped where its arms are real and its commissioning is not complete. kind: as
+    the command line spells it. Raises TrialError, ConfigurationError."""
     found, argument = kind_of(kind)
     if description.simulated or found.simulated(argument, description):  # a file of a simulated cell is refused later
         return description

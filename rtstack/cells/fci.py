@@ -21,14 +21,12 @@ from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import check_models, difference_of_limits, limits_of_arms
 
-TRACKERS = ExtensionPoint[Callable[[TrackerRequest], ClosableTracker]](
-    "rtstack.trackers", "tracker", cast(type, Callable)
-)
+Factory = Callable[[TrackerRequest], ClosableTracker]
+TRACKERS = ExtensionPoint[Factory]("rtstack.trackers", "tracker", cast(type, Callable))
 
 
 def fci_addresses(kind: str) -> dict[str, str]:
-    """Return the arms' addresses by side, of fci:LEFT,RIGHT, or of one arm alone: fci:LEFT, fci:,RIGHT. Raises
-    TrialError."""
+    """Return the arms' addresses by side, of fci:LEFT,RIGHT, or of one arm: fci:LEFT, fci:,RIGHT. Raises TrialError."""
     scheme, _, addresses = kind.partition(":")
     left, _, right = addresses.partition(",")
     given = {side: address for side, address in (("left", left), ("right", right)) if address}
@@ -122,7 +120,7 @@ def own_limits(addresses: Sequence[str]) -> tuple[tuple[OwnLimits, ...] | None, 
         return None, f"the limits of the cell's file are not compared with the robots': {error}"
 
 
-def _tracker(tracker: TrackerDescription) -> Callable[[TrackerRequest], ClosableTracker]:
+def _tracker(tracker: TrackerDescription) -> Factory:
     try:
         return TRACKERS.load(tracker.kind)
     except ExtensionError as error:
@@ -156,7 +154,6 @@ class ClosingLink:
         self.set_collisions = pair.set_collisions
 
     def close(self) -> None:
-        """Disconnect, and close the rest."""
         self._pair.close()
         self._close_rest()
 

@@ -3,10 +3,9 @@
 `check_real_cell` compares what files and addresses say; `check_measured` asks whether the geometry was measured, except
 where a person leads the arms, so that it is measured; `check_boxes` compares what the control boxes themselves say.
 
-A cell's geometry is what the safety judge, the start motion and the plans believe. Real arms on the geometry of another
-cell move where nothing was looked at. So the cell's file has to be one that a person wrote for these arms and measured.
-Bases that stand elsewhere than a file says cannot be seen by arms that repeat what was shown to them: a file of arms
-that are not simulated has to say when they were measured, at whatever address they are (a tunnel's, too).
+The safety judge, the start motion and the plans believe a cell's geometry, and arms that repeat what was shown to them
+cannot see that their bases stand elsewhere. So the file has to be one that a person wrote for these arms, at whatever
+address they are (a tunnel's, too), and that says when they were measured.
 """
 
 from collections.abc import Sequence
@@ -39,10 +38,7 @@ def _real(addresses: Sequence[str]) -> list[str]:
 
 def check_real_cell(addresses: Sequence[str], description: CellDescription, cell_file: Path | None) -> None:
     """Refuse arms at these addresses, one of each, that are not this machine's, or that the cell's file does not call
-    simulated, unless that file is theirs.
-
-    Nothing is connected to. Raises TrialError with one line: what is wrong, and what to do.
-    """
+    simulated, unless that file is theirs. Connects to nothing. Raises TrialError with one line."""
     real = _real(addresses)
     if not real and description.simulated:
         return
@@ -86,11 +82,9 @@ def check_measured(addresses: Sequence[str], description: CellDescription, cell_
         raise TrialError(
             f"{cell_file}: [calibration] has no rms_mm, and a date alone is no measurement: rtstack calibrate --write"
         )
-    for name, millimetres in (("rms_mm", calibration.rms_mm), ("uncertainty_mm", calibration.uncertainty_mm)):
-        if millimetres is not None and millimetres > LARGEST_RMS_MM:
-            raise TrialError(
-                f"{cell_file}: [calibration] {name} = {millimetres:g} is above {LARGEST_RMS_MM:g}: measure again"
-            )
+    for name, mm in (("rms_mm", calibration.rms_mm), ("uncertainty_mm", calibration.uncertainty_mm)):
+        if mm is not None and mm > LARGEST_RMS_MM:
+            raise TrialError(f"{cell_file}: [calibration] {name} = {mm:g} is above {LARGEST_RMS_MM:g}: measure again")
     written = date.fromtimestamp(cell_file.stat().st_mtime)
     if written + _GRACE < calibration.date:
         raise TrialError(
@@ -119,11 +113,9 @@ def box_states(description: CellDescription) -> dict[str, DeskState]:
 
 
 def check_boxes(description: CellDescription, cell_file: Path | None, led: bool) -> None:
-    """Compare each box whose serial number the cell's file has with that file: is it that one, and does it let FCI in?
-
-    Two boxes that were exchanged have each other's arm behind them. led: a changed firmware is not looked at, since the
-    arms are about to be held for the record. Raises TrialError with one line, HardwareError as `box_states`.
-    """
+    """Compare each box whose serial number the cell's file has with that file: is it that one (exchanged boxes have
+    each other's arm behind them), and does it let FCI in? led: a changed firmware is not looked at, since the arms are
+    about to be held for the record. Raises TrialError with one line, HardwareError as `box_states`."""
     mountings, states = description.mountings, box_states(description)
     held = known_firmware(signatures(cell_file)) if cell_file is not None and not led else {}
     for side, state in states.items():

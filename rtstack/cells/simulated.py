@@ -5,6 +5,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+from hal.base.configuration import ConfigurationError
 from hal.base.extras import require
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
@@ -16,11 +17,8 @@ from rtstack.trials.errors import TrialError
 
 
 def plant_difference(cell_file: Path | None, object_name: str) -> str:
-    """Return in one line where the simulated object is not what the cell's file describes, "" where it is.
-
-    Raises TrialError for a bad key of the plant's.
-    """
-    from hal.base.configuration import ConfigurationError
+    """Return in one line where the simulated object is not what the cell's file describes, or "". Raises TrialError for
+    a bad key of the plant's."""
     from sim_robot.lab_objects import difference, with_lab_objects
     from sim_robot.scene import load_scene
 
@@ -47,7 +45,6 @@ def _check_served(argument: str, description: CellDescription, cell_file: Path |
 
 def _profile(argument: str) -> str:
     """Return the name of the profile that stands behind a simulated cell's name. Raises TrialError."""
-    from hal.base.configuration import ConfigurationError
     from sim_robot.profile import IDEAL, load_profile
 
     name = argument or IDEAL
@@ -59,7 +56,6 @@ def _profile(argument: str) -> str:
 
 
 def _open_direct(request: CellRequest) -> Cell:
-    from hal.base.configuration import ConfigurationError
     from sim_robot.cell import simulated_cell
     from sim_robot.clock import PacedLockstep
     from sim_robot.faults.file import load_faults
@@ -100,8 +96,7 @@ def _tracker_frames(request: CellRequest) -> TrackerFrames:
 
 
 def served_cell(kind: str, simulator: Simulator, description: CellDescription, lockstep: bool) -> Cell:
-    """Return the cell of a running simulator, which ends with it. lockstep: it waits for its answers. Raises
-    HardwareError."""
+    """Return the cell of a running simulator, which ends with it. lockstep: it waits. Raises HardwareError."""
     try:
         # brings pylibfranka, which not every Python has, and which a plant in this process does without
         from hal.fci import open_pair

@@ -15,9 +15,9 @@ from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.tracker import TrackerFrames
 from hal.tracker_link import TrackerLink
+from hal.wire import PORT
+from rtstack.samples import SIDES
 
-_FCI_PORT = 1337
-_SIDES = ("left", "right")
 _END_S = 5.0
 _pairs = itertools.count()
 
@@ -28,16 +28,12 @@ class Simulator:
     def __init__(
         self, object_name: str, displacement: Displacement | float, seed: int, *, lockstep: bool,
         faults: Path | None = None, cell_file: Path | None = None, profile: str = "ideal",
-        frames: TrackerFrames | None = None, more: Sequence[str] = (), sides: Sequence[str] = _SIDES,
+        frames: TrackerFrames | None = None, more: Sequence[str] = (), sides: Sequence[str] = SIDES,
     ) -> None:  # fmt: skip
-        """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
-
-        cell_file: of a lab, with objects of its own. profile: how honest it is (sim_robot.profile). frames: of its
-        tracker, as the cell's file has them. more: options of `rtstack sim`, as they are written there. sides: the arms
-        that there are; `left`, `right`: their addresses, None of the one that is not there.
-
-        Raises HardwareError with what it says.
-        """
+        """Start it, and wait until it serves. object_name: empty for none; faults: a script of them; cell_file: of a
+        lab, with objects of its own; profile: see sim_robot.profile; frames: of its tracker; more: options of `rtstack
+        sim`, as they are written there. sides: the arms that there are; `left`, `right`: their addresses or None.
+        Raises HardwareError with what it says."""
         shift = Displacement.of(displacement)
         self.tracker = TrackerLink(frames=frames)
         self.report = ""
@@ -47,8 +43,8 @@ class Simulator:
         pace = ["--lockstep"] if lockstep else ["--cpu", str(robot_cpu())]
         only = [] if len(sides) > 1 else ["--only", *sides]
         for pair in _free_pairs():
-            addresses = {side: address for side, address in zip(_SIDES, pair, strict=True) if side in sides}
-            self.left, self.right = map(addresses.get, _SIDES)
+            addresses = {side: address for side, address in zip(SIDES, pair, strict=True) if side in sides}
+            self.left, self.right = map(addresses.get, SIDES)
             command = [
                 sys.executable, "-m", "rtstack", "sim", "--tracker", f"{host}:{port}",
                 *(f"--{side}={address}" for side, address in addresses.items()), *only,
@@ -85,7 +81,6 @@ class Simulator:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
         return self._process.pid
 
     @property
@@ -126,6 +121,6 @@ def _free_pairs() -> Iterator[tuple[str, str]]:
 def _free(address: str) -> bool:
     with contextlib.suppress(OSError), socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind((address, _FCI_PORT))
+        probe.bind((address, PORT))
         return True
     return False

@@ -53,8 +53,7 @@ class NothingToExport(LogError):
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """present: episodes that an interrupted export had left; robot_s: robot's time in the others; candidates: all logs
-    in order."""
+    """present: episodes left by an interrupted export; robot_s: robot's time in the others; candidates: all logs."""
 
     episodes: int
     present: int

@@ -1,7 +1,6 @@
 """An episode as frames at a divisor of 1 kHz, and in each the 1 kHz samples since the last one.
 
-A frame is at the last tick of its interval: what it observes was known when it was taken. docs/howto/dataset.md
-describes all features.
+A frame is at the last tick of its interval: what it observes was known then. Features: docs/howto/dataset.md.
 """
 
 import json
@@ -46,8 +45,7 @@ class Feature:
 
 
 class FrameFormat(Format):
-    """A data set of frames. fps: frames in a second, which begin at ticks; ticks: with the 1 kHz samples. Raises
-    LogError."""
+    """A data set of frames. fps: a divisor of 1000; ticks: with the 1 kHz samples. Raises LogError."""
 
     name: str
     alike = True
@@ -121,11 +119,8 @@ def span_of(episode: Episode) -> tuple[int, int]:
 
 
 def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Feature]:
-    """Return what the frames of an episode have, by name: (n, ...) each.
-
-    The samples of a tick are those of its time, or the newest before it where the log has none of that time. ticks:
-    these samples too.
-    """
+    """Return what the frames of an episode have, by name: (n, ...) each. The samples of a tick are those of its time,
+    or the newest before it where the log has none of that time. ticks: these samples too."""
     step = TICKS // fps
     first_ns, last_ns = span_of(episode)
     frames = ((last_ns - first_ns) // TICK_NS + 1) // step
@@ -180,8 +175,7 @@ def _topics(of_arms: Sequence[str], sides: Sequence[str]) -> tuple[str, ...]:
 
 
 def tick_features(sides: Sequence[str] = SIDES) -> Iterator[tuple[str, tuple[str, ...], Field]]:
-    """Yield the features that have 1 kHz samples, of a log with the arms of these sides: name, the topics whose values
-    it has, and the field of them."""
+    """Yield the features of 1 kHz samples of a log with these arms: name, the topics of its values, and their field."""
     arms, controls = (_topics(topics, sides) for topics in (ARM_TOPICS, CONTROL_TOPICS))
     others = [(name,) for name in TICK_TOPICS if name not in (*ARM_TOPICS, *CONTROL_TOPICS)]
     for topics in (arms, controls, *others):

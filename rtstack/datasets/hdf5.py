@@ -89,12 +89,8 @@ class Hdf5(Format):
         if thing is None:
             return
         group = recording.create_group(f"OBJECT/{name}")
-        size = thing["size"]
-        for key, values, unit in (
-            ("mass", thing["mass"], "kg"),
-            ("dimensions", size, "m"),
-            ("vertices", _CORNERS * size, "m"),
-        ):
+        of_corners = "vertices", _CORNERS * thing["size"], "m"
+        for key, values, unit in (("mass", thing["mass"], "kg"), ("dimensions", thing["size"], "m"), of_corners):
             group.create_dataset(key, data=values).attrs["unit"] = unit
         poses = episode.records[OBJECT_TOPIC]
         poses = poses[poses["seen"] != 0]

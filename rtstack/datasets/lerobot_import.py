@@ -1,7 +1,6 @@
 """An episode of a LeRobot data set that rtstack exported becomes a log again: for `rtstack play`, review and plot.
 
-The log has every tick of the episode's frames. What has no frame is lost: the ticks after the last one, and the
-object's poses between two frames.
+The log lacks what has no frame: the ticks after the last one, and the object's poses between two frames.
 """
 
 import base64

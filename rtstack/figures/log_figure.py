@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from textwrap import fill
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -39,8 +40,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class FigureLog:
-    """What a figure shows of a log. offset_s is added to its time; impacts: (s after its first sample, arm or "").
-    sides: of the arms that the log has."""
+    """What a figure shows of a log. offset_s: is added to its time; impacts: (s after its first sample, arm or "")."""
 
     name: str
     traces: tuple[Trace, ...]
@@ -152,19 +152,18 @@ def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "
 
 def _say(axis: Axes, log: FigureLog, start_s: float, end_s: float) -> None:
     """Write above the first pane what the bands and the lines are."""
-    length, free = end_s - start_s, start_s
+    length, free, top = end_s - start_s, start_s, axis.get_xaxis_transform()
+    small: dict[str, Any] = {"xycoords": top, "textcoords": "offset points", "fontsize": 7}
     told = [(t_s, f"impact {side}".strip()) for t_s, side in log.impacts if start_s <= t_s <= end_s]
     for t_s, word in told:
-        axis.plot([t_s], [1.0], marker="v", markersize=4, color=_FAINT, transform=axis.get_xaxis_transform(),
-                  clip_on=False)  # fmt: skip
+        axis.plot([t_s], [1.0], marker="v", markersize=4, color=_FAINT, transform=top, clip_on=False)
         if t_s >= free:
-            axis.annotate(word, (t_s, 1.0), xytext=(3, 3), xycoords=axis.get_xaxis_transform(),
-                          textcoords="offset points", fontsize=7, color=_FAINT)  # fmt: skip
+            axis.annotate(word, (t_s, 1.0), xytext=(3, 3), color=_FAINT, **small)
             free = t_s + _WORD_SHARE * length
     for span in log.spans:
         first, last = max(span.start_s, start_s), min(span.end_s, end_s)
         busy = any(first - _WORD_SHARE * length < t_s < last for t_s, _ in told)
         if last - first > _WORD_SHARE * length * (2 if busy else 1) and span.mode is not Mode.IDLE:
-            axis.annotate(MODE_STYLES[span.mode].word, (last if busy else first, 1.0), xytext=(-2 if busy else 2, 3),
-                          ha="right" if busy else "left", xycoords=axis.get_xaxis_transform(),
-                          textcoords="offset points", fontsize=7, color=MODE_STYLES[span.mode].light)  # fmt: skip
+            style, ha = MODE_STYLES[span.mode], "right" if busy else "left"
+            place = last if busy else first, 1.0
+            axis.annotate(style.word, place, xytext=(-2 if busy else 2, 3), ha=ha, color=style.light, **small)

@@ -24,11 +24,8 @@ STYLE: Any = {
     "svg.hashsalt": "rtstack",  # else each run has other ids
 }  # fmt: skip
 FORMATS = ("pdf", "svg", "png")
-_UNSAID: dict[str, dict[str, None]] = {  # what a file would say of the program and of the time at which it was made
-    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
-    "svg": {"Creator": None, "Date": None},
-    "png": {"Software": None},
-}
+# what a file would say of the program and of the time at which it was made
+_UNSAID = {"pdf": ("Creator", "Producer", "CreationDate"), "svg": ("Creator", "Date"), "png": ("Software",)}
 
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
@@ -42,7 +39,7 @@ def save(figure: Figure, target: Path | IO[bytes], form: str | None = None) -> N
     if form is None:
         form = target.suffix[1:] if isinstance(target, Path) else "png"
     with mpl.rc_context(STYLE):
-        figure.savefig(target, format=form, metadata=_UNSAID[form])
+        figure.savefig(target, format=form, metadata=dict.fromkeys(_UNSAID[form]))
 
 
 def mode_bands(axis: Axes, t: Array, mode: NDArray[np.int64], shown: tuple[Mode, ...]) -> None:

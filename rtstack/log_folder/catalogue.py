@@ -29,11 +29,9 @@ class LogCondition(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One file of the directory. `id` is opaque and stays the same while the file grows.
-
-    trial and result: the metadata records of these names, values as the log has them, None without one. recorded: the
-    time of day that its metadata record `time` begins with, ISO 8601, UTC; None without one.
-    """
+    """One file of the directory. `id` is opaque and stays the same while the file grows. trial and result: these
+    metadata records as the log has them. recorded: the time of day with which its record `time` begins, ISO 8601,
+    UTC."""
 
     id: str
     path: Path
@@ -55,10 +53,8 @@ class Catalogue:
         self._patience_s = patience_s
 
     def entries(self) -> tuple[LogEntry, ...]:
-        """Return all logs, the newest first, after reading the ones that are new or have changed.
-
-        Raises LogError where the directory cannot be read.
-        """
+        """Return all logs, the newest first, after reading those that are new or have changed. Raises LogError where
+        the directory cannot be read."""
         try:
             files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and self._is_ours(path)]
         except OSError as error:

@@ -1,10 +1,9 @@
 """Search in the list of logs: every word has to be somewhere in what is known of a log.
 
 A word is looked for in the name, the date, the row, and all of the metadata; `key:word` only where the key's name
-contains it: seed:3, object:rice, controller:proposed. `key=value` needs the whole value of exactly that key:
-object=rice_box, tag=figure-5. A range such as force>30 or size<=20 is asked of numbers whose key's name contains the
-word before it; a range that asks of nothing that a log has is refused. date>=2026-11-26T08:00 is UTC, of the time of
-day that the log itself has; date<=2026-11-26 includes that day. "two words" in quotes are one.
+contains it: seed:3. `key=value` needs the whole value of exactly that key: object=rice_box. A range such as force>30 is
+asked of numbers whose key's name contains the word before it, and refused where no log has one. date>=2026-11-26T08:00
+is UTC, by the log's own time of day; date<=2026-11-26 includes that day. "two words" in quotes are one.
 """
 
 import contextlib
@@ -102,8 +101,7 @@ def _number(key: str, text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What a log has to have: a word as it was written, or (sign) a value of a key. number: of value, where it is one;
-    NaN where it is none."""
+    """What a log has to have: a word as it was written, or (sign) a value of a key. number: of value, or NaN."""
 
     word: str
     key: str = ""

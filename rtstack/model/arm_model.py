@@ -60,12 +60,10 @@ class ModelArrays(NamedTuple):
 
 @compiled
 def mass_and_gravity(J0, momenta, acceleration, M, g):
-    """Write M (7, 7), symmetric, and g (7,) of a chain: M_ij = J_i^T h_j for i <= j, g_j = -a^T h_j.
-
-    momenta (6, 7): h_j = Y_j J_j, the momentum, about the world's origin, of all links from joint j on where j alone
-    moves, at 1 rad/s. Y_j is their inertia: the composite rigid bodies of Featherstone, RBDA, 6.2. acceleration (3,):
-    a, of gravity, m/s^2.
-    """
+    """Write M (7, 7), symmetric, and g (7,) of a chain: M_ij = J_i^T h_j for i <= j, g_j = -a^T h_j. momenta (6, 7):
+    h_j = Y_j J_j, the momentum, about the world's origin, of all links from joint j on where j alone moves, at 1 rad/s;
+    Y_j is their inertia: the composite rigid bodies of Featherstone, RBDA, 6.2. acceleration (3,): a, of gravity,
+    m/s^2."""
     for j in range(7):
         g[j] = -(acceleration[0] * momenta[0, j] + acceleration[1] * momenta[1, j] + acceleration[2] * momenta[2, j])
         for i in range(j + 1):
@@ -104,9 +102,8 @@ class ArmModel:
         self.dJ0: Array = self._data.dJ
         self.R7: Array = self._data.oMi[7].rotation
         self.p7: Array = self._data.oMi[7].translation
-        self._mass_and_gravity = bound(
-            mass_and_gravity, self.J0, self._data.Ag, self.pin_model.gravity.linear.copy(), self.M, self.g
-        )
+        gravity = self.pin_model.gravity.linear.copy()
+        self._mass_and_gravity = bound(mass_and_gravity, self.J0, self._data.Ag, gravity, self.M, self.g)
         home = np.array(mounting.home)
         self.update(home, np.zeros(7))
         M = pin.crba(self.pin_model, self.pin_model.createData(), home, pin.Convention.WORLD)
@@ -117,7 +114,6 @@ class ArmModel:
 
     @property
     def arrays(self) -> ModelArrays:
-        """The arrays that `update` writes."""
         return ModelArrays(self.M, self.C, self.g, self.J0, self.dJ0, self.R7, self.p7)
 
     def update(self, q: Array, dq: Array) -> None:

@@ -15,17 +15,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.base.configuration import (
-    STRICT,
-    ConfigurationError,
-    NotNegative,
-    Positive,
-    Real,
-    load_toml,
-    one_line,
-    place_of,
-    read_file,
-)
+from hal.base import configuration
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real
 from hal.clock_relation import ClockRelation
 from hal.pad import Pad, Quaternion, Vector
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
@@ -46,16 +37,15 @@ Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
 Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
 TurningStiffness = Annotated[float, Field(ge=0.0, le=40.0, allow_inf_nan=False)]
 Stiffnesses = tuple[Stiffness, Stiffness, Stiffness, TurningStiffness, TurningStiffness, TurningStiffness]
+CameraName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,15}$")]
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmMounting:
-    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad.
-
-    model: of the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder.
-    desk: HOST or HOST:PORT of its Desk, "" where it is not looked at; serial: of its control box, as `rtstack desk
-    status` says it, "" where it is not compared. pad: its own, where it is not the cell's.
-    """
+    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad. model: of
+    the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder. desk: HOST or
+    HOST:PORT of its Desk, or ""; serial: of its control box, as `rtstack desk status` says it, "" where it is not
+    compared. pad: its own, where it is not the cell's."""
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
     base_position: Vector
@@ -90,10 +80,9 @@ class Table:
 class ObjectDescription:
     """An object as a person would measure it: mass kg, outer size m. It stands on the table at the world's origin.
 
-    pad_friction, table_friction: of a pad and of the table on it, where they are not the cell's. plant: what a
-    simulated robot has instead (sim_robot.lab_objects); nothing that controls or plans looks at it. give: how far a pad
-    goes in under a force, m/N, by its silicone and the object's wall, as a static squeeze shows; None: not measured,
-    plans then count on a wall of wood.
+    pad_friction, table_friction: where they are not the cell's. plant: what a simulated robot has instead
+    (sim_robot.lab_objects); nothing that controls or plans looks at it. give: how far a pad goes in under a force, m/N,
+    as a static squeeze shows; None: not measured, plans then count on a wall of wood.
     """
 
     mass: Positive
@@ -139,8 +128,7 @@ class TrackerDescription:
     camera: TagCamera | None = None
 
     def frames(self, object_name: str) -> TrackerFrames:
-        """Return where tracker and object stand. Raises ValueError for an object that is not among the bodies, where
-        there are any."""
+        """Return where tracker and object stand. Raises ValueError for an object that is not among the bodies."""
         thing = self.bodies.get(object_name)
         if self.bodies and object_name and thing is None:
             raise ValueError(f"[tracker.bodies] has no {object_name}; it has {', '.join(self.bodies)}")
@@ -188,10 +176,7 @@ class ContactFriction:
 @checked(frozen=True, slots=True, config=STRICT)
 class Gains:
     """Gains of this cell in the place of the papers' (rtstack.control.parameters), which count where there is None.
-
-    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2. law_inertia: the mass matrix of the
-    controller's law.
-    """
+    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2. law_inertia: the law's mass matrix."""
 
     stiffness: Stiffnesses | None = None
     stiffness_teleoperation: Stiffnesses | None = None
@@ -201,11 +186,9 @@ class Gains:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Calibration:
-    """When the geometry of real arms was measured, how long that holds, and how well: `rtstack calibrate`.
-
-    rms_mm: of what was left at the points; uncertainty_mm: in 95 % of such calibrations no pad was further off at
-    them; points: how many of them.
-    """
+    """When the geometry of real arms was measured, and how long that holds (`rtstack calibrate`). rms_mm: of what was
+    left at the points; uncertainty_mm: in 95 % of such calibrations no pad was further off at them; points: how
+    many."""
 
     date: datetime.date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 180
@@ -216,12 +199,10 @@ class Calibration:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CameraDescription:
-    """A camera, `[cameras.NAME]`: none by default. kind: an entry point of rtstack.cameras; address: a device or file.
-
-    position, m, and orientation_wxyz, in the world: it looks along its z, its x is to the picture's right. fov_y_deg:
-    of the picture's height; intrinsics (9,): K, row-major, px, in its place where it was measured, with distortion
-    (k1, k2, p1, p2, k3). stamped: the time is drawn into each picture; format: of the log; quality: of the JPEG.
-    """
+    """A camera, `[cameras.NAME]`. kind: an entry point of rtstack.cameras; address: a device or file. position, m, and
+    orientation_wxyz, in the world: it looks along its z, its x is to the picture's right. fov_y_deg: of the picture's
+    height; intrinsics (9,): K, row-major, px, in its place where it was measured, with distortion (k1, k2, p1, p2, k3).
+    stamped: the time is drawn into each picture; format: of the log; quality: of the JPEG."""
 
     kind: str
     position: Vector
@@ -261,17 +242,15 @@ class LoadPolicy(StrEnum):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
-    """A cell of one arm or two, as its TOML describes it (deploy/cells). safety: the limits that it tightens
-    (rtstack.safety.limits).
+    """A cell of one arm or two, as its TOML describes it (deploy/cells).
 
-    left, right: None for an arm that is not there.
+    left, right: None for an arm that is not there. safety: the limits that it tightens (rtstack.safety.limits).
     unexpected_impact: what a trial does about one that asks for nothing; by default it stops where the arms are real.
     enforce_realtime: real arms, not those on this machine, are refused on a kernel that is not real-time. calibration:
     needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the file that
-    `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder. refused: kinds of run that are
-    not allowed on this cell, each with the reason; see rtstack.cells.commissioning, which also sets
-    commissioning: what is capped and what is next. countdown_s: audible seconds before
-    each motion of real arms.
+    `rtstack identify-friction` wrote; in the TOML relative to its folder. By rtstack.cells.commissioning, refused:
+    kinds of run that are not allowed, with the reasons; commissioning: what is capped and what is next. countdown_s:
+    audible seconds before each motion of real arms.
     """
 
     name: str
@@ -295,9 +274,7 @@ class CellDescription:
     refused: dict[str, str] = field(default_factory=dict)
     commissioning: str = ""
     countdown_s: Annotated[int, Field(ge=0, le=30)] = 0
-    cameras: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,15}$")], CameraDescription] = field(
-        default_factory=dict
-    )
+    cameras: dict[CameraName, CameraDescription] = field(default_factory=dict)
 
     @property
     def reaction(self) -> Reaction:
@@ -311,22 +288,18 @@ class CellDescription:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """The sides of the arms."""
         return tuple(self.mountings)
 
     @property
     def arms(self) -> tuple[ArmMounting, ...]:
-        """The arms."""
         return tuple(self.mountings.values())
 
     @property
     def robots(self) -> tuple[RobotModel, ...]:
-        """The model of each arm."""
         return tuple(arm.robot for arm in self.arms)
 
     @property
     def pads(self) -> tuple[Pad, ...]:
-        """What each arm carries."""
         return tuple(arm.pad or self.pad for arm in self.arms)
 
     @property
@@ -393,7 +366,7 @@ def base_poses(description: CellDescription) -> tuple[NDArray[np.float64], ...]:
 
 def load_cell_description(path: Path) -> CellDescription:
     """Read and check a cell description. Raises ConfigurationError with one line that names the key."""
-    description = load_toml(path, CellDescription)
+    description = configuration.load_toml(path, CellDescription)
     if not description.mountings:
         raise ConfigurationError(f"{path}: a cell has one arm or two: [left], [right], or both")
     arms = {side: replace(arm, model=reference_in(path, arm.model)) for side, arm in description.mountings.items()}
@@ -401,8 +374,7 @@ def load_cell_description(path: Path) -> CellDescription:
     checks: list[tuple[str, Callable[[], object]]] = []
     for side, arm in arms.items():
         checks += [(f"{side}.model: ", partial(getattr, arm, "robot")), (f"{side}.home", partial(_check_home, arm))]
-    if len(arms) == 2:
-        checks.append(("right.address", lambda: _check_other(*(arm.address for arm in arms.values()))))
+    checks.append(("right.address", lambda: _check_others([arm.address for arm in arms.values()])))
     for side, arm in arms.items():
         checks += [(f"{side}.serial", partial(_check_serial, arm)), (f"{side}.", partial(getattr, arm, "base"))]
     checks += [("objects.", lambda: _check_names(description.objects)), ("pad.", lambda: tool_of(pad))]
@@ -415,8 +387,9 @@ def load_cell_description(path: Path) -> CellDescription:
         except ValueError as error:
             words = f"{key}{error}"
             name = re.match(r"[\w.]+", words)
-            place = place_of(str(path), read_file(path), name[0].split(".") if name else ())
-            raise ConfigurationError(one_line(f"{place}: key {words}")) from None
+            wrong = name[0].split(".") if name else ()
+            place = configuration.place_of(str(path), configuration.read_file(path), wrong)
+            raise ConfigurationError(configuration.one_line(f"{place}: key {words}")) from None
     if description.joint_friction is not None:
         description = replace(description, joint_friction=path.resolve().parent / description.joint_friction)
     return description
@@ -439,6 +412,6 @@ def _check_serial(arm: ArmMounting) -> None:
         raise ValueError(f': {arm.serial} is compared with what Desk says: name its address, desk = "HOST"')
 
 
-def _check_other(left: str, right: str) -> None:
-    if left == right:
-        raise ValueError(f": {right} is the left arm's too; two arms have two addresses")
+def _check_others(addresses: list[str]) -> None:
+    if len(set(addresses)) < len(addresses):
+        raise ValueError(f": {addresses[0]} is the left arm's too; two arms have two addresses")

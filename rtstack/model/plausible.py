@@ -30,10 +30,8 @@ def check_plausible(description: "CellDescription") -> None:
         if not np.abs(value).max() <= most:
             raise ValueError(f"{key}: {np.abs(value).max():g} m is more than {most:g} m: was it meant in mm?")
     for name, thing in description.objects.items():
-        if thing.mass > _HEAVY_KG:
-            raise ValueError(
-                f"objects.{name}.mass: {thing.mass:g} kg is more than {_HEAVY_KG:g} kg: was it meant in g?"
-            )
+        if (kg := thing.mass) > _HEAVY_KG:
+            raise ValueError(f"objects.{name}.mass: {kg:g} kg is more than {_HEAVY_KG:g} kg: was it meant in g?")
     for key, pad in _pads(description):
         if not _PAD_KG[0] <= pad.mass <= _PAD_KG[1]:
             raise ValueError(f"{key}.mass: {pad.mass:g} kg is not between {_PAD_KG[0]:g} and {_PAD_KG[1]:g} kg")
@@ -66,8 +64,7 @@ def _lengths(description: "CellDescription") -> Iterator[tuple[str, Any, float]]
 
 
 def _check_home(description: "CellDescription") -> None:
-    """Refuse a table beyond the reach of the arms, and bases from which the pads are, at home, outside of their box or
-    in the table."""
+    """Refuse a table out of the arms' reach, and bases whose pads, at home, are out of their box or in the table."""
     for base, arm in zip(description.bases, description.arms, strict=True):
         shoulder = base.position[2] + _SHOULDER_M * rotation_from_quaternion(np.array(arm.base_orientation_wxyz))[2, 2]
         if abs(description.table.top_z - shoulder) > _REACH_M:

@@ -30,29 +30,22 @@ def missing() -> str:
 
 
 def blueprint(following: bool = False, sides: Sequence[str] = SIDES) -> Any:
-    """Return the arrangement: scene and events beside the plots of the arms of these sides. following: what is shown is
-    the newest state."""
+    """Return the arrangement: scene and events beside the plots of these arms. following: it shows the newest state."""
     import rerun.blueprint as rrb
 
     start: dict[str, Any] = {"play_state": "following"} if following else {}
+    eye = rrb.EyeControls3D(position=(1.5, -1.1, 1.2), look_target=(-0.1, 0.0, 0.35), eye_up=(0.0, 0.0, 1.0))
     scene = rrb.Spatial3DView(
-        name="cell",
-        origin="/",
-        contents=[f"+ {PREFIX}/**", f"+ {FORCE_LINES}/**"],
-        spatial_information=rrb.SpatialInformation(target_frame="world"),
-        eye_controls=rrb.EyeControls3D(
-            position=(1.5, -1.1, 1.2), look_target=(-0.1, 0.0, 0.35), eye_up=(0.0, 0.0, 1.0)
-        ),
-    )
+        name="cell", origin="/", contents=[f"+ {PREFIX}/**", f"+ {FORCE_LINES}/**"],
+        spatial_information=rrb.SpatialInformation(target_frame="world"), eye_controls=eye,
+    )  # fmt: skip
     plots = [_plot(name, sides, *what) for name, what in _PLOTS.items()]
     events = rrb.TextLogView(name="events", origin="/events")
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Vertical(scene, events, row_shares=[4, 1]), rrb.Vertical(*plots), column_shares=[3, 2]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", **start),
-        auto_views=False,
-    )
+        rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", **start), auto_views=False,
+    )  # fmt: skip
 
 
 def _plot(name: str, sides: Sequence[str], topic: str, message: str, selectors: tuple[str, ...]) -> Any:
@@ -79,25 +72,20 @@ def write_recording(log: Path, out: Path) -> None:
     """Write what Rerun makes of a log, with the blueprint, to an .rrd file that must not exist yet. Raises OSError."""
     with open(out, "xb"):  # Rerun says of a file that cannot be written only that it cannot
         pass
-    recording = _recording()
-    recording.save(out, default_blueprint=blueprint(sides=read_log(log).sides))
-    _fill(recording, log)
+    _show(log, "save", out)
 
 
 def show(log: Path) -> None:
     """Open Rerun's viewer, a program of its own, with a log. Raises RuntimeError where it cannot be started."""
-    recording = _recording()
-    recording.spawn(default_blueprint=blueprint(sides=read_log(log).sides))
-    _fill(recording, log)
+    _show(log, "spawn")
 
 
-def _recording() -> Any:
+def _show(log: Path, sink: str, *where: Path) -> None:
+    """Give a log with its blueprint to a sink of Rerun's, the name of a method of its RecordingStream."""
     import rerun
 
-    return rerun.RecordingStream(APPLICATION)
-
-
-def _fill(recording: Any, log: Path) -> None:
+    recording = rerun.RecordingStream(APPLICATION)
+    getattr(recording, sink)(*where, default_blueprint=blueprint(sides=read_log(log).sides))
     recording.log_file_from_path(log)
     recording.flush()
     recording.disconnect()
