@@ -26,25 +26,26 @@ class MonitorStudy(Experiment[P, Case]):
     unit = "simulations"
     package: ClassVar[str]
 
-    def work(self) -> Callable[[P, Sequence[Case]], list[Row]]:
-        return import_module(f"{self.package}.worker").run_cases
+    @classmethod
+    def part(cls, name: str) -> Any:
+        """Return this module of the package."""
+        return import_module(f"{cls.package}.{name}")
 
     def report(self, results: Results) -> Report:
-        return import_module(f"{self.package}.report").report(self.specification, results)
+        return self.part("report").report(self.specification, results)
 
     def stages(self) -> Stages:
         """Run one case before the others, so that code is compiled once."""
-        first = next(self.specification.cases())
-        yield Stage("compiling", [Task("compiling", run_once, (self.work(), self.specification, first))])
+        run, first = self.part("worker").run_cases, next(self.specification.cases())
+        yield Stage("compiling", [Task("compiling", run_once, (run, self.specification, first))])
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
         return list(self.specification.cases())
 
     def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
-        run = self.work()
         for _, some in groupby(cases, self.specification.batch_of):
             batch = tuple(some)
-            yield Task(batch[0].id, run, (self.specification, batch), batch)
+            yield Task(batch[0].id, self.part("worker").run_cases, (self.specification, batch), batch)
 
     def robot_s(self, row: Row) -> float:
         return self.specification.study.task.duration_s
@@ -56,10 +57,8 @@ class PlanarStudy(MonitorStudy[StudyRun]):
     package = "rtstack.papers.aim_aware"
 
     def __init__(self, specification: StudyRun, request: Request) -> None:
-        from rtstack.papers.aim_aware.worker import columns
-
         sources = [tuning_file(specification.name)]  # without the plan file: rows do not depend on its claims
-        super().__init__(specification, request, columns(specification), sources)
+        super().__init__(specification, request, self.part("worker").columns(specification), sources)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> StudyRun:

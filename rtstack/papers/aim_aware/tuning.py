@@ -14,6 +14,8 @@ largest.
 import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -71,15 +73,12 @@ def separate(
 def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:
     """Return the tunings with this r_b; None if one of them does not exist."""
     needs: dict[str, dict[Case, Need]] = {name: {} for name in study.tunings}
-    plan, planned = None, None
-    for case in study.coarse.cases():
-        if planned != (case.approach_deg, case.location_m):
-            planned = (case.approach_deg, case.location_m)
-            plan = plan_case(study, *planned)
-        assert plan is not None
-        impact = simulate_case(study, plan, case, residual_rate_nm_s)
-        for name, column in study.tunings.items():
-            needs[name][case] = need(impact, column, (residual_rate_nm_s,) * 3)
+    for place, cases in groupby(study.coarse.cases(), attrgetter("approach_deg", "location_m")):
+        plan = plan_case(study, *place)
+        for case in cases:
+            impact = simulate_case(study, plan, case, residual_rate_nm_s)
+            for name, column in study.tunings.items():
+                needs[name][case] = need(impact, column, (residual_rate_nm_s,) * 3)
     found = {
         name: separate(needs[name], column.always_deg, column.ambiguity_deg) for name, column in study.tunings.items()
     }

@@ -25,10 +25,8 @@ class PlatformStudy(MonitorStudy[ArmRun]):
     on_stack = False
 
     def __init__(self, specification: ArmRun, request: Request) -> None:
-        from rtstack.papers.aim_aware.arm.worker import columns
-
         sources = [platform_cell_file(), *platform_files(), tuning_file(specification.name)]
-        super().__init__(specification, request, columns(specification), sources)
+        super().__init__(specification, request, self.part("worker").columns(specification), sources)
         logs = LogFolder(request.out / LOGS, self.digest) if specification.study.logs else None
         self.specification = replace(specification, logs=logs, cell=request.simulated_cell)
 
@@ -53,14 +51,10 @@ class PlatformStudy(MonitorStudy[ArmRun]):
 
     def on_cell(self, case: Case) -> CellRun:
         """See Experiment. The platform stands where the plan has it: x 0.51 m, height 0.15 m."""
-        from rtstack.papers.aim_aware.arm.worker import on_arms
-
-        return on_arms(self.specification, case, self.request.out / LOGS / f"{case.id}.mcap")
+        return self.part("worker").on_arms(self.specification, case, self.request.out / LOGS / f"{case.id}.mcap")
 
     def row_of_log(self, case: Case, log: "Log") -> Row:
-        from rtstack.papers.aim_aware.arm.worker import row_of_log
-
-        return row_of_log(self.specification, case, log)
+        return self.part("worker").row_of_log(self.specification, case, log)
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> ArmRun:

@@ -99,9 +99,9 @@ def _values(interval: Interval | None) -> dict[str, float | None] | None:
 def _share(interval: Interval | None) -> str:
     if interval is None:
         return "nothing was run"
-    known = interval.low is not None and interval.high is not None
-    between = f", 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %" if known else ""
-    return f"{100.0 * interval.mean:.1f} %{between}"
+    if interval.low is None or interval.high is None:
+        return f"{100.0 * interval.mean:.1f} %"
+    return f"{100.0 * interval.mean:.1f} %, 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %"
 
 
 def report(tunings: Mapping[str, Mapping[str, Any]], results: Results, claims: Sequence[PlannedClaim] = ()) -> Report:
