@@ -72,8 +72,7 @@ class CellCalibration:
         answer, why, question = {}, None, self._fit(points, sides)
         if question is not None and question.done():
             try:
-                answer = question.answer()
-                why = answer["refusal"]
+                why = (answer := question.answer())["refusal"]
             except Refused as error:
                 why = str(error)
         wrong = answer.get("wrong_mm", {})
@@ -125,11 +124,9 @@ class CellCalibration:
         if self._file.resolve() == default_cell_file().resolve():
             what = "this is the example's cell, whose file is not changed"
             raise Refused(409, f"{what}: start the stack with --cell-file and one of your own")
-        question = self._fit(self._points(), self._watch.sides)
-        if question is None:
+        if (question := self._fit(self._points(), self._watch.sides)) is None:
             raise Refused(409, "no point was measured yet")
-        answer = question.answer()
-        if answer["refusal"] is not None:
+        if (answer := question.answer())["refusal"] is not None:
             raise Refused(409, answer["refusal"])
         values = {tuple(key.split(".")): value for key, value in answer["values"].items()}
         values["calibration", "date"] = datetime.date.fromisoformat(values["calibration", "date"])

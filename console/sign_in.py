@@ -1,6 +1,4 @@
-"""Who is there: sessions. A browser's begins with a one-time token and goes on with a cookie, a program's comes with
-its bearer token. Kept in memory: a restart signs every browser out.
-"""
+"""Sessions, in memory. A browser signs in with a one-time token, then uses a cookie; a program sends a bearer token."""
 
 import hmac
 import itertools
@@ -33,8 +31,7 @@ class UserSession:
 
     `key`: a browser's cookie, of a program a word that never leaves this process; `csrf`: what every change that a
     browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token; `feed`: part of
-    the live feed's address for Foxglove, which has no cookie: who has it may watch while the session lasts, no more;
-    `stop`: a browser's second cookie, which outlives the session and is good for STOP alone.
+    the live feed's address, good for watching; `stop`: a browser's second cookie, which outlives the session, for STOP.
     """
 
     key: str

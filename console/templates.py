@@ -77,10 +77,8 @@ def sign_in_page(
     address: Address, stopper: UserSession | None, status: int, waits_s: float = 0.0, token: str = "",
     operator: str = "",
 ) -> HTMLResponse:  # fmt: skip
-    """Return how to sign in, with STOP for a browser that was signed in before.
-
-    status: 401; 403 where a token or a code was not good; 429 where the next code counts after waits_s; 200 where the
-    token is good, and has to be confirmed. operator: of the session that it would end.
+    """Return how to sign in, with STOP for a browser that was signed in before. status: 401; 403 for a wrong token or
+    code; 429 where the next code counts after waits_s; 200 for a token to be confirmed, which ends operator's session.
     """
     csrf, scope = ("", "") if stopper is None else (stopper.csrf, stopper.scope)
     page = TEMPLATES.get_template("sign_in.html").render(

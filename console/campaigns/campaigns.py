@@ -1,5 +1,6 @@
 """The campaigns under LOGS/campaigns: one at a time is a child process of the console, at low priority."""
 
+import json
 import os
 import signal
 import subprocess
@@ -7,12 +8,13 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 
 from console.campaigns.folder import Asked, CampaignFolder, Stage
 from console.refused import Refused
+from hal.base.files import write_whole
 from rtstack.trials.specification import like
 
 FOLDER = "campaigns"
@@ -117,7 +119,7 @@ class Campaigns:
             try:
                 self._directory.mkdir(exist_ok=True)
                 asked = Asked(name, quick, time.time(), on_cell)
-                folder.keep(asked)
+                write_whole(folder.note, json.dumps(asdict(asked)))
                 self._begin(folder, asked, workers, niceness, resume=False)
             except OSError as error:
                 folder.note.unlink(missing_ok=True)
@@ -195,9 +197,8 @@ class Campaigns:
         self._running = _Running(folder, process)
 
     def _alive(self) -> _Running | None:
-        running = self._running
-        if running is not None and running.process.poll() is not None:
-            self._forget(running)
+        if self._running is not None and self._running.process.poll() is not None:
+            self._forget(self._running)
         return self._running
 
     def _forget(self, running: _Running) -> None:

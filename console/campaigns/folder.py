@@ -4,14 +4,13 @@ import hashlib
 import json
 import sqlite3
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from hal.base.files import write_whole
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 
 # what a campaign writes; a test compares them with the names of rtstack.experiments, which would bring Dask along
@@ -61,10 +60,6 @@ class CampaignFolder:
         """The report, None before it was written."""
         page = self.path / PAGE
         return page if page.is_file() else None
-
-    def keep(self, asked: Asked) -> None:
-        """Note what was asked for."""
-        write_whole(self.note, json.dumps(asdict(asked)))
 
     def asked(self) -> Asked | None:
         """Return what was asked for, None where that is no campaign of ours."""

@@ -47,8 +47,7 @@ class ArmWatch:
         self.measured: NDArray[np.float64] | None = None
         self.told: NDArray[np.float64] | None = None
         self.force: NDArray[np.float64] | None = None
-        self._arm = rings.reader(f"/{side}/arm")
-        self._control = rings.reader(f"/{side}/control")
+        self._arm, self._control = (rings.reader(f"/{side}/{what}") for what in ("arm", "control"))
         self.t_ns = 0  # robot's time of the newest state
         self.changed_s = float("-inf")  # monotonic time of the last new state
         self.moved_s = float("-inf")  # monotonic time of the last new state in which a joint moved

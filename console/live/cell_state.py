@@ -83,7 +83,7 @@ class Squeeze:
             self._samples.clear()
             return
         inwards = places[1] - places[0]  # of the left arm; the object pushes the pads apart
-        inwards = inwards / max(float(np.linalg.norm(inwards)), 1e-9)
+        inwards /= max(float(np.linalg.norm(inwards)), 1e-9)
         self._samples.append(min(-float(forces[0] @ inwards), float(forces[1] @ inwards)))
 
     @property

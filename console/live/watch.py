@@ -180,7 +180,12 @@ class Watch:
                 self._event_count += 1
                 self._events.append(_event(self._event_count, record))
             status, asked_s, unreachable = self._status
-            self._forget_hits(status)
+            job = None if status is None else status.job
+            # arms that a job has only just opened have not met anything
+            if job is not None and (job.number != self._job or job.state is JobState.STARTING):
+                self._job = job.number
+                for arm in self._arms.values():
+                    arm.hit = None
             views = {side: arm.view(now_s) for side, arm in self._arms.items()}
             self._number += 1
             self._pictures[self._number % _PICTURES] = (self._number, now_ns)
@@ -202,14 +207,6 @@ class Watch:
         known = (self.measured(), self.command(), self.object_pose())
         pads, told, lies = (None if poses is None else poses.round(4).tolist() for poses in known)
         return None if pads is None else Places(pads, told, lies)
-
-    def _forget_hits(self, status: Status | None) -> None:
-        job = None if status is None else status.job
-        # arms that a job has only just opened have not met anything
-        if job is not None and (job.number != self._job or job.state is JobState.STARTING):
-            self._job = job.number
-            for arm in self._arms.values():
-                arm.hit = None
 
     def _state(self, status: Status | None, now_s: float) -> CellState:
         places = self.measured()

@@ -15,9 +15,8 @@ Points = list[list[list[float]]]  # (2, n, 3) m, of (left, right)
 
 @dataclass(frozen=True, slots=True)
 class TrialPath:
-    """Both pads' way, (2, n, 3) m in the world. ante: to the nominal impact, extended: on from there as the ante-impact
-    reference goes on; post: from the impact on, before: where the post-impact reference comes from. impact (2, 3):
-    where the pads are at the nominal impact; velocity (2, 3): m/s there, before it.
+    """Both pads' way, (2, n, 3) m in the world: ante to the nominal impact, extended as that reference goes on; post on
+    from the impact, before: where that one comes from. impact, velocity (2, 3): of the pads at the impact, m, m/s.
     """
 
     ante: Points

@@ -26,10 +26,8 @@ _broken = partial(Refused, 500)
 
 
 class Queue:
-    """The list and its file. May be used from any thread; what is changed is kept before a method returns.
-
-    operator: on whose word it runs, None while it is paused, as when the console begins, whatever it was before.
-    past_failures: whether it goes on past grabs that do not succeed.
+    """The list and its file. May be used from any thread; what is changed is kept before a method returns. operator: on
+    whose word it runs, None while it is paused, as when the console begins; past_failures: see QueueView.
     """
 
     def __init__(self, file: Path) -> None:

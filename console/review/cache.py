@@ -63,8 +63,7 @@ class ReviewCache:
         with self._lock:
             self._finish()
             begun = folder in self._readers or _being_read(folder)  # before the index: a reader may end meanwhile
-            index = read_index(folder)
-            if index is not None and index.done:
+            if (index := read_index(folder)) is not None and index.done:
                 os.utime(folder)
                 self._done[entry.id] = entry, LogColumns(folder, index)
                 while len(self._done) > _REMEMBERED:
@@ -98,9 +97,8 @@ class ReviewCache:
         with self._lock:
             for process in self._readers.values():
                 process.terminate()
-            for process in self._readers.values():
+            for folder, process in self._readers.items():
                 end(process, _END_S)
-            for folder in self._readers:
                 index = read_index(folder)
                 if index is None or not index.done:
                     shutil.rmtree(folder, ignore_errors=True)

@@ -161,10 +161,8 @@ class LogColumns:
 
 
 class Columns:
-    """The columns of one topic, read-only, mapped into memory: only what is looked at is read.
-
-    rows: how many samples there are already. t_ns (rows,), values (signals, rows), by a signal's column; low and high
-    (signals, buckets): the smallest and the largest of every BUCKET samples, the last of what is there so far included.
+    """The columns of one topic, read-only, mapped into memory. t_ns (rows,), values (signals, rows), by a signal's
+    column; low and high (signals, buckets): the smallest and the largest of every BUCKET samples there are so far.
     """
 
     def __init__(self, folder: Path, topic: str, rows: int) -> None:

@@ -52,14 +52,12 @@ def drawn_logs(
     if not difference:
         found.append(FigureLog(name, _traces(curves(own, wanted, window)), spans, impacts))
     for other, offset_s in overlays:
-        title = other.entry.path.stem
+        title, moved = other.entry.path.stem, Window(start_s - offset_s, end_s - offset_s, _POINTS)
         if difference:
             made = _traces(difference_curves(own, other, wanted, window, offset_s))
             found.append(FigureLog(f"{title} - {name}", made, spans, impacts))
         else:
-            moved = Window(start_s - offset_s, end_s - offset_s, _POINTS)
-            made = _traces(curves(other, wanted, moved))
-            found.append(FigureLog(title, made, offset_s=offset_s))
+            found.append(FigureLog(title, _traces(curves(other, wanted, moved)), offset_s=offset_s))
     return found
 
 

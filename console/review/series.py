@@ -138,9 +138,8 @@ def packed(found: Sequence[Curves]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What a log says about a moment: t_s of its sample; values by signal, None before its first one, and no number
-    where the log has none; q (arms, 7) rad, of the arms that the log has, at these sides, and object (7,) m, wxyz, None
-    likewise."""
+    """What a log says about a moment: t_s of its sample; values by signal, q (arms, 7) rad, of the arms at these sides,
+    and object (7,) m, wxyz; None where the log has none, or before its first one."""
 
     t_s: float
     values: dict[str, float | None]

@@ -271,15 +271,14 @@ def _niceness(nice: bool, on_cell: bool, session: UserSession, parts: Parts) -> 
 
 def _plans() -> tuple[PlanView, ...]:
     """Return what can be started, and the user's own plans that cannot, with the reason."""
-    installed = _installed()
-    taken = {plan.name for plan in installed}
+    taken = {plan.name for plan in _installed()}
     own = [
         PlanView(path.name, "", 0, None, True, f"{name} is an installed plan: give the file {path} another name")
         if name in taken
         else _own(name, path, path.stat().st_mtime_ns)
         for name, path in own_plans().items()
     ]
-    return (*installed, *own)
+    return (*_installed(), *own)
 
 
 @lru_cache(maxsize=1)

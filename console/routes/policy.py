@@ -169,9 +169,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
     if session is None or not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         await websocket.close(1008, f"rate_hz is from {SLOWEST_HZ} to {FASTEST_HZ}")
         return
-    name = session.operator
-    policy = PolicyInput(name, parts)
-    refused = noted = None
+    policy, refused, noted = PolicyInput(name := session.operator, parts), None, None
     parts.teleop.policies.connected(name)
     try:
         while (session := session_now(websocket)) is not None and session.operator == name:

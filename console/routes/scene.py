@@ -5,7 +5,7 @@ HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL: viser's client finds the one
 
 import asyncio
 import contextlib
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote
 
 import httpx
@@ -134,16 +134,11 @@ async def pass_on_page(server: SceneServer, path: str, request: Request) -> Resp
 
 async def pass_on_stream(server: SceneServer, websocket: WebSocket, view: str = "") -> None:
     """Connect a page with a scene server until one side closes; `view` is what the page is called there."""
-    wanted = [Subprotocol(name) for name in websocket.scope.get("subprotocols", [])]
+    wanted = [Subprotocol(name) for name in websocket.scope.get("subprotocols", [])] or None
+    address, headers = f"ws://127.0.0.1:{server.port}/", {SECRET_HEADER: server.secret, VIEW_HEADER: view}
+    plain: dict[str, Any] = {"max_size": None, "compression": None, "proxy": None}
     try:
-        async with connect(
-            f"ws://127.0.0.1:{server.port}/",
-            subprotocols=wanted or None,
-            additional_headers={SECRET_HEADER: server.secret, VIEW_HEADER: view},
-            max_size=None,
-            compression=None,
-            proxy=None,
-        ) as scene:
+        async with connect(address, subprotocols=wanted, additional_headers=headers, **plain) as scene:
             await websocket.accept(subprotocol=scene.subprotocol)
             ways = _to_scene(websocket, scene, parts_of(websocket)), _to_page(scene, websocket)
             tasks = [asyncio.create_task(way) for way in ways]

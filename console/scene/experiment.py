@@ -1,7 +1,4 @@
-"""The experiment in the scene: where the object belongs and where it is put, the way of both pads, what they have met.
-
-It is the trial that the form asks for, before it runs and while it runs, for all who look. World frame.
-"""
+"""The form's trial in the scene, before and while it runs: object, way of both pads, what they met. World frame."""
 
 from collections.abc import Sequence
 from contextlib import suppress

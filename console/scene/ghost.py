@@ -58,9 +58,8 @@ def motion_of(log: Log, start_s: float = 0.0, end_s: float = np.inf) -> Motion:
     t_s = np.arange(max(start_s, 0.0), min(end_s, float(times[-1])), STEP_S)
     rows = [np.searchsorted(samples["t_ns"], zero_ns + t_s * 1e9).clip(max=len(samples) - 1) for samples in arms]
     q = np.stack([samples["q"][row] for samples, row in zip(arms, rows, strict=True)], axis=1)
-    poses = log.topic("/object/pose")
+    poses, placed = log.topic("/object/pose"), None
     poses = poses[poses["seen"] != 0]
-    placed = None
     if len(poses):
         row = (np.searchsorted(poses["t_ns"], zero_ns + t_s * 1e9, side="right") - 1).clip(min=0)
         placed = np.concatenate([poses["position"][row], poses["orientation_wxyz"][row]], axis=1)

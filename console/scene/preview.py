@@ -81,12 +81,8 @@ class Preview:
                 self.view = PreviewView(False, False, last[0] if last else "the simulation ended early")
                 return
         self._ghost.play(motion, Shown.PREVIEW, impact_s=result["detected_impact_time_s"])
-        self.view = PreviewView(False, bool(result["success"]), _line(result))
-
-
-def _line(result: dict) -> str:
-    if not result["success"]:
-        return f"would fail: {result['failure_reason']}"
-    force, verdict = result["average_force_norm"], result["impact_verdict"]
-    words = [f"force norm {force:.1f}"] * (force is not None) + [f"impact {verdict}"] * (verdict is not None)
-    return ", ".join(["would succeed", *words])
+        force, verdict = result["average_force_norm"], result["impact_verdict"]
+        words = "" if force is None else f"force norm {force:.1f}", "" if verdict is None else f"impact {verdict}"
+        line = ", ".join(filter(None, ("would succeed", *words)))
+        success = bool(result["success"])
+        self.view = PreviewView(False, success, line if success else f"would fail: {result['failure_reason']}")

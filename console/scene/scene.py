@@ -87,17 +87,13 @@ class ArmFigure:
             add_edges(scene, f"{path}/pad_edges", edges, colour)
         self.show(np.array(mounting.home))
 
-    def show(self, q: Sequence[float] | Array) -> None:
-        """Show the arm at `q`, (7,) rad."""
-        self.set_visible(True)
+    def show(self, q: Sequence[float] | Array | None) -> None:
+        """Show the arm at `q`, (7,) rad, or nothing of it."""
+        self._base.visible = q is not None
         for index, (frame, joint) in enumerate(zip(self._frames, self._joints, strict=True)):
-            if abs(q[index] - self._shown[index]) > _SMALLEST_MOVE:
+            if q is not None and abs(q[index] - self._shown[index]) > _SMALLEST_MOVE:
                 self._shown[index] = q[index]
                 frame.wxyz = turned(joint, float(q[index]))
-
-    def set_visible(self, visible: bool) -> None:
-        """Show the arm, or nothing of it."""
-        self._base.visible = visible
 
 
 def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> None:
@@ -138,8 +134,7 @@ class CellFigures:
         self._scene, self._cell, self._full, self._ghost = scene, cell, full, ghost
         self._arms = {side: ArmFigure(scene, side, cell, full, ghost) for side in cell.mountings}
         self._object: viser.BoxHandle | None = None
-        self._object_name = ""
-        self._object_pose = np.full(7, np.inf)
+        self._object_name, self._object_pose = "", np.full(7, np.inf)
 
     def set_visible(self, visible: bool) -> None:
         """Show a ghost, or nothing of it until arms are shown again."""
@@ -151,10 +146,7 @@ class CellFigures:
         self.set_visible(True)
         known = dict(zip(self._arms if sides is None else sides, q, strict=True))
         for side, arm in self._arms.items():
-            if side in known:
-                arm.show(known[side])
-            else:
-                arm.set_visible(False)
+            arm.show(known.get(side))
 
     def show_object(self, name: str, pose: Array | None) -> None:
         """Show the object `name` at `pose`, (7,) position m and quaternion wxyz; None where it was not seen."""

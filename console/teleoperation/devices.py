@@ -132,13 +132,11 @@ class Grips:
     def track(self, hands: OfArms, asked: Array, coupling: Coupling, anew: bool = False) -> Array:
         """Return the requests for controllers in a person's hands, (7,) each, None for one that leads nothing.
 
-        Two hands lead a pad each, whatever the coupling; by it one hand leads the other pad too. anew: each hand leads
-        from where it is now.
+        By the coupling one hand alone leads the other pad too. anew: each hand leads from where it is now.
         """
         if anew:
             self.let_go()
-        poses = asked.copy()
-        alone = sum(hand is not None for hand in hands) == 1
+        poses, alone = asked.copy(), sum(hand is not None for hand in hands) == 1
         for side, hand in enumerate(hands):
             if hand is None:
                 self._began.pop(side, None)

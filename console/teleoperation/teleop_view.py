@@ -40,10 +40,9 @@ class LatencyView:
 @dataclass(frozen=True, slots=True)
 class TeleopView:
     """What a page shows of the input. refusal: why the last request is not followed, None where it is. drags: how many
-    of them can be undone. policy: the name of the policy that leads while the clutch is not held, None where none does.
-    dropped: commands that were not applied since the teleoperation began: too old, out of order, made on an old
-    picture, for another reason. picture: what a program that asks nothing else has seen by this answer. policies: the
-    names of those that are connected.
+    of them can be undone. policy: the name of the policy that leads while the clutch is not held, None where none does;
+    policies: of those that are connected. dropped: commands that were not applied since the teleoperation began: too
+    old, out of order, made on an old picture, for another reason. picture: what a program has seen by this answer.
     """
 
     held: bool
@@ -76,8 +75,7 @@ class Latency:
 
     def view(self) -> LatencyView | None:
         """Return the figures, None before the first command."""
-        new = self._reader.drain()
-        if len(new):
+        if len(new := self._reader.drain()):
             self._seen.extend(zip(new["made_us"], new["picture_us"] - new["seen_us"], strict=True))
             low, high = np.percentile(np.array(self._seen) * 1e-3, (50, 95), axis=0).round(1).tolist()
             self._view = LatencyView((low[0], high[0]), (low[1], high[1]))

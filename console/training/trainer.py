@@ -142,11 +142,9 @@ class Trainer:
             verdict = f"nothing was done within {PATIENCE_S:g} s" if fault_s is not None else "the fault did not come"
         else:
             verdict = "not what it needs"
-        remedy = remedy_of(exercise.row)
-        over = ExerciseView(
-            Stage.OVER, exercise.words, job, None if event is None else event.text, after_s, right, verdict,
-            exercise.todo, "" if remedy is None else remedy.anchor,
-        )  # fmt: skip
+        remedy, did = remedy_of(exercise.row), None if event is None else event.text
+        row = "" if remedy is None else remedy.anchor
+        over = ExerciseView(Stage.OVER, exercise.words, job, did, after_s, right, verdict, exercise.todo, row)
         self._show(over, job)
 
     def _show(self, view: ExerciseView, job: int) -> None:

@@ -95,17 +95,14 @@ def trial_card(catalogue: Catalogue, log_id: str) -> TrialCard:
         mean, spread = fmean(before) if before else None, stdev(before) if len(before) > 1 else None
         numbers.append(Number(name, unit, about, now, before, mean, spread))
     again, refusal = _again(entries, catalogue, entry)
+    place = Displacement.given(row.displacement_mm or 0.0, row.displacement_x_mm or 0.0, row.yaw_deg or 0.0).in_words
+    plain = ", ".join((text or "").replace("_", " ") for text in (row.controller, row.object))
+    law = f", law with {row.law_inertia}" if row.law_inertia == LawInertia.LINKS else ""
+    what = f"{plain}, {place}, seed {row.seed}{law}"
     return TrialCard(
-        row, row.ending, _what(row), _sentence(row, impact), tuple(numbers), len(alike),
+        row, row.ending, what, _sentence(row, impact), tuple(numbers), len(alike),
         None if impact is None else thinned(impact, _POINTS), earlier[0].id if earlier else None, again, refusal,
     )  # fmt: skip
-
-
-def _what(row: LogRow) -> str:
-    place = Displacement.given(row.displacement_mm or 0.0, row.displacement_x_mm or 0.0, row.yaw_deg or 0.0).in_words
-    plain = [(text or "").replace("_", " ") for text in (row.controller, row.object)]
-    law = f", law with {row.law_inertia}" if row.law_inertia == LawInertia.LINKS else ""
-    return f"{', '.join(plain)}, {place}, seed {row.seed}{law}"
 
 
 def _sentence(row: LogRow, impact: Impact | None) -> str:

@@ -1,7 +1,4 @@
-"""The impact in a log: the forces on both pads around it, and how far the pads were from where they should have been.
-
-Only the chunks of these 300 ms are read; what was read is remembered.
-"""
+"""The impact in a log: the forces on both pads around it, and how far the pads were from where they were to be."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,8 +28,7 @@ class Impact:
     """t_ms: since the detected impact, the nominal one where none was detected; left and right: force on each pad, N.
 
     modes: (from ms, to ms, mode) of the left arm. at_s: the impact, s since the log's first message; nominal_ms: when
-    it was meant. peak_force_n: the largest force on a pad, over both; error_mm: the largest distance of a pad from its
-    reference, over both, from the impact to 200 ms after it.
+    it was meant. Of both pads: the largest force, and distance from its reference up to 200 ms after the impact.
     """
 
     t_ms: tuple[float, ...]
@@ -62,9 +58,8 @@ def _impact(path: Path, _size_bytes: int, _modified_s: float) -> Impact | None:
 
 
 def _read_impact(log: Log) -> Impact | None:
-    first_ns = log.first_ns(ARM_TOPICS[0])
     result, trial = log.metadata.get("result", {}), log.metadata.get("trial", {})
-    if first_ns is None or "nominal_impact_s" not in trial:
+    if (first_ns := log.first_ns(ARM_TOPICS[0])) is None or "nominal_impact_s" not in trial:
         return None
     nominal_s, found = float(trial["nominal_impact_s"]), result.get("detected_impact_time_s", "null")
     detected = found != "null"
@@ -92,8 +87,7 @@ def _read_impact(log: Log) -> Impact | None:
 
 def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | None:
     """Return the distance of each pad from its reference (2, n), m; None where the log has no cell."""
-    cell = described_in(log)
-    if cell is None:
+    if (cell := described_in(log)) is None:
         return None
     distances = []
     for mounting, arm, control in zip(cell.arms, arms, controls, strict=True):
@@ -104,9 +98,8 @@ def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | 
 
 
 def _modes(t_ms: Array, modes: NDArray) -> tuple[tuple[float, float, str], ...]:
-    starts = np.flatnonzero(np.diff(modes, prepend=modes[0] - 1))
+    starts, times = np.flatnonzero(np.diff(modes, prepend=modes[0] - 1)), _rounded(t_ms, 1)
     ends = [*starts[1:].tolist(), len(modes) - 1]
-    times = _rounded(t_ms, 1)
     return tuple((times[k], times[end], Mode(int(modes[k])).name) for k, end in zip(starts, ends, strict=True))
 
 

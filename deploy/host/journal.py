@@ -71,8 +71,13 @@ class Journal:
     def undo(self, force: bool = False) -> Iterator[str]:
         """Put back what was there, newest first; yield a line each. force: changed files too. Raises HostSetupError."""
         entries = self.entries
-        if not force:
-            self._refuse_changed(entries)
+        newest = {entry["path"]: entry for entry in entries if entry["kind"] == "file" and not force}
+        for path, entry in newest.items():
+            with contextlib.suppress(FileNotFoundError):
+                now = self._machine.at(path).read_bytes()
+                former = None if entry["former"] is None else base64.b64decode(entry["former"])
+                if now != former and _digest(now) != entry["ours"]:
+                    raise HostSetupError(f"{path} was changed since: keep a copy, then undo with --force")
         with _explained():
             while entries:
                 entry = entries.pop()
@@ -118,15 +123,6 @@ class Journal:
                     return str(error)
                 return "$ " + " ".join(entry["undo"])
         return ""
-
-    def _refuse_changed(self, entries: list[dict[str, Any]]) -> None:
-        newest = {entry["path"]: entry for entry in entries if entry["kind"] == "file"}
-        for path, entry in newest.items():
-            with contextlib.suppress(FileNotFoundError):
-                now = self._machine.at(path).read_bytes()
-                former = None if entry["former"] is None else base64.b64decode(entry["former"])
-                if now != former and _digest(now) != entry["ours"]:
-                    raise HostSetupError(f"{path} was changed since: keep a copy, then undo with --force")
 
     def _note(self, entry: dict[str, Any]) -> None:
         with self._path.open("ab") as file:

@@ -94,8 +94,7 @@ class Tokens:
     def may_stop(self, word: str) -> Token | None:
         """Return the token that a program brings for STOP alone, None where it is none of ours.
 
-        A token keeps this right while its file is missing or cannot be trusted, and where the folder was replaced by
-        another one; the others end then. A revoked token has no right.
+        A token that was not revoked keeps this right while its file is missing, replaced or cannot be trusted.
         """
         token = self.match(word) or self._known.get(word.partition("_")[2].partition("_")[0])
         return token if token is not None and hmac.compare_digest(_digest(word), token.digest) else None

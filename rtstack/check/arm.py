@@ -60,8 +60,7 @@ def resting_findings(side: str, state: ArmState, felt: Felt, mounting: ArmMounti
     said = model.T_world_base @ state.O_T_EE
     place_m = float(np.linalg.norm(said[:3, 3] - position))
     turn_rad = float(np.arccos(np.clip((np.trace(rotation.T @ said[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))
-    outside = np.abs(felt.tau_ext)
-    blind = not felt.O_F_ext.any()
+    outside, blind = np.abs(felt.tau_ext), not felt.O_F_ext.any()
     pairs = ", ".join(f"{mean:.2f}+-{sd:.2f}" for mean, sd in zip(felt.tau_ext, felt.tau_ext_sd, strict=True))
     mass, left_nm = missing_payload(model, state.q, felt.tau_ext)
     estimate = (

@@ -28,8 +28,7 @@ def bench_tick(
     from rtstack.trials.assembly import default_parameters
 
     parameters = default_parameters()
-    if solver is not None:
-        parameters = replace(parameters, solver=solver)
+    parameters = parameters if solver is None else replace(parameters, solver=solver)
     _print(bench_tick(load_description(None)[0], parameters, ticks), json)
 
 

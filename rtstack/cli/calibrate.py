@@ -171,11 +171,9 @@ def _taken() -> bool:
     if not sys.stdin.isatty():
         return True
     typer.echo("Enter: take it; r, Enter: lead the arms again; q, Enter: go on another time: ", err=True, nl=False)
-    match sys.stdin.readline().strip().lower():
-        case "q":
-            raise TrialError("the points so far are kept; the same command goes on with the others")
-        case answer:
-            return answer != "r"
+    if (answer := sys.stdin.readline().strip().lower()) == "q":
+        raise TrialError("the points so far are kept; the same command goes on with the others")
+    return answer != "r"
 
 
 def _looked_at(point: "Point", cell: "Cell") -> "Point":

@@ -74,8 +74,7 @@ def campaign(
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
     cell_file, data = (each and each.resolve() for each in (cell_file, data))
-    out = out.resolve()
-    host = None
+    out, host = out.resolve(), None
     if cell is not None and cell.partition(":")[0] == STACK:
         host = _stack_operator(cell, name, out, cell_file)
     options = {"cell": cell, "logs": logs, "cell_file": cell_file, "profile": profile, "data": data}
@@ -165,9 +164,9 @@ def _arms(experiment: "Experiment[Any, Any]", name: str, stack: "StackOperator |
         raise TrialError(f"--cell {request.cell}: {name} runs in the simulator: direct, or lockstep")
     if request.logs is not None:
         raise TrialError("--logs: on arms the logs go to --out; copy them once they are there")
-    if stack is not None and not experiment.on_stack:
-        raise TrialError(f"{name}: the stack knows no such run; give the arms: --cell fci:ADDRESS")
     if stack is not None:
+        if not experiment.on_stack:
+            raise TrialError(f"{name}: the stack knows no such run; give the arms: --cell fci:ADDRESS")
         return stack
     from rtstack.cli.terminal import Terminal
 

@@ -31,22 +31,26 @@ def check(
     json: Json = False,
 ) -> None:
     """Say what this machine lacks, and what that costs; with their addresses hold the arms and judge the link."""
+    from rtstack.cells import load_description
+
     arms = {side: address for side, address in (("left", left), ("right", right)) if address is not None}
     kind = f"fci:{arms.get('left', '')}" + f",{right}" * (right is not None) if arms else ""
     if arms:
         from rtstack.cells.fci import fci_addresses  # and with it pylibfranka, which not every Python has
 
         fci_addresses(kind)
-    findings = host_findings() + software_findings(logs)
-    cell, description = _cell(cell_file, kind)
-    findings.append(cell)
+    findings, description = host_findings() + software_findings(logs), None
+    try:
+        description, source = load_description(cell_file, kind)
+        findings.append(Finding("cell", f"{description.name}, {source}", "pass"))
+    except ConfigurationError as error:
+        findings.append(Finding("cell", str(error), "fail", "correct the file", "nothing starts with it"))
     if arms:
         findings += _arm_findings(arms, kind, description, cell_file, sign, logs)
     if json:
         typer.echo(json_module.dumps({"findings": [asdict(finding) for finding in findings]}))
     else:
-        for line in _table(findings):
-            typer.echo(line)
+        typer.echo("\n".join(_table(findings)))
     if any(finding.verdict == "fail" for finding in findings):
         raise typer.Exit(FAILED)
 
@@ -63,16 +67,6 @@ def _table(findings: list[Finding]) -> list[str]:
     warned = sum(f.verdict == "warn" for f in findings)
     lines.append(f"missing: {', '.join(failed)}" if failed else f"all that is required is there; {warned} warnings")
     return lines
-
-
-def _cell(path: Path | None, kind: str) -> "tuple[Finding, CellDescription | None]":
-    from rtstack.cells import load_description
-
-    try:
-        description, source = load_description(path, kind)
-    except ConfigurationError as error:
-        return Finding("cell", str(error), "fail", "correct the file", "nothing starts with it"), None
-    return Finding("cell", f"{description.name}, {source}", "pass"), description
 
 
 def _arm_findings(

@@ -162,10 +162,9 @@ def _refuse_in_use(addresses: Mapping[str, str], cell_file: Path | None) -> None
     from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, running_stacks
     from rtstack.live.protocol import Phase
 
-    description, _ = load_description(cell_file)
     arms = {address.partition(":")[0] for address in addresses.values()}
     if cell_file is not None:
-        arms |= {arm.address for arm in description.arms}
+        arms |= {arm.address for arm in load_description(cell_file)[0].arms}
     for socket in running_stacks():
         try:
             with closing(RobotClient(socket)) as client:

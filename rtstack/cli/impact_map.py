@@ -45,8 +45,7 @@ def impact_map(
         for name in result.problem.names:
             typer.echo(f"  {name:<12} before      {_numbers(result.twist_before(name))}")
         for title, impact in (("single step", result.single_step), ("converged", result.converged)):
-            for line in _lines(title, result, impact):
-                typer.echo(line)
+            typer.echo("\n".join(_lines(title, result, impact)))
     if {result.single_step.status, result.converged.status} & {Status.INFEASIBLE, Status.UNSOLVED}:
         raise typer.Exit(FAILED)
 

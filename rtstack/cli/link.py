@@ -41,8 +41,8 @@ def link_findings(
 ) -> list[Finding]:  # fmt: skip
     """Hold the arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
 
-    Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run). Their geometry need not
-    have been measured. sign: who signs this step, where nothing has failed; logs: folder for the samples of real arms.
+    Real arms are held while a person holds the key, and need not have been measured. sign: who signs this step, where
+    nothing has failed; logs: folder for the samples of real arms.
     """
     try:
         hold = HoldToRun(kind, description, cell_file or default_cell_file(), led=True)

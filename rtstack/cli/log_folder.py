@@ -140,10 +140,9 @@ def logs_prune(
     typer.echo(f"{len(gone)} logs {verb}, {sum(entry.size_bytes for entry in gone) / _GB:.2f} GB; "
                f"{plan.kept_bytes / _GB:.2f} GB stay")  # fmt: skip
     if plan.over_bytes:
-        fail(
-            f"{plan.over_bytes / _GB:.2f} GB over the budget: {plan.unreviewed_bytes / _GB:.2f} GB are not reviewed, "
-            "or accepted as references: review them (rtstack logs reviewed), or give them more room"
-        )
+        kept = f"{plan.unreviewed_bytes / _GB:.2f} GB are not reviewed, or accepted as references"
+        todo = "review them (rtstack logs reviewed), or give them more room"
+        fail(f"{plan.over_bytes / _GB:.2f} GB over the budget: {kept}: {todo}")
 
 
 def _cells(row: "LogRow") -> tuple[str, ...]:

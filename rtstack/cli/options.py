@@ -13,25 +13,19 @@ from rtstack.trials.errors import TrialError
 
 
 def asks_for(kind: type, *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate a command with the parameter `asked`: the options that are named as fields of a specification.
+    """Decorate a command with the parameter `asked`: the options that were given, by the names of fields of a record.
 
-    A field without an option of the command gets one, of its type and default, in the place of `asked`.
-
-    Args:
-        kind: the specification. An option that is not given is left out of `asked`: the field has its default.
-        without: fields that the command line does not ask for.
+    A field without an option of the command gets one, of its type and default, in the place of `asked`. without: fields
+    that the command line does not ask for.
     """
-    types, names = get_type_hints(kind), [each.name for each in fields(kind) if each.name not in without]
-    defaults = {each.name: each.default for each in fields(kind)}
+    types, names = get_type_hints(kind), {each.name: each.default for each in fields(kind) if each.name not in without}
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         declared = inspect.signature(command).parameters
 
-        def option(name: str) -> inspect.Parameter:
-            said = typer.Option(f"--{name.replace('_', '-')}")
-            return inspect.Parameter(
-                name, inspect.Parameter.KEYWORD_ONLY, default=defaults[name], annotation=Annotated[types[name], said]
-            )
+        def option(name: str, default: Any) -> inspect.Parameter:
+            annotation = Annotated[types[name], typer.Option(f"--{name.replace('_', '-')}")]
+            return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
         @wraps(command)
         def with_record(**values: Any) -> None:
@@ -41,7 +35,8 @@ def asks_for(kind: type, *without: str) -> Callable[[Callable[..., None]], Calla
 
         parameters = []
         for name, parameter in declared.items():
-            more = [option(each) for each in names if each not in declared] if name == "asked" else [parameter]
+            undeclared = (option(*each) for each in names.items() if each[0] not in declared)
+            more = undeclared if name == "asked" else [parameter]
             parameters += [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in more]
         with_record.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         return with_record

@@ -105,8 +105,7 @@ def plan(
         watched = None if found is None else {"runs": watch, "held_out": found.runs, "margin": found.smallest_margin}
         typer.echo(json_module.dumps({**planned.as_dict(), "monitor": watched, "file": str(output)}))
         return
-    for line in (*_lines(planned, output), *slower):
-        typer.echo(line)
+    typer.echo("\n".join([*_lines(planned, output), *slower]))
     if found is not None:
         typer.echo(f"  monitor: from {watch} simulated runs, {found.runs} of them held out: no false alarm, smallest "
                    f"margin {found.smallest_margin:.2f}")  # fmt: skip

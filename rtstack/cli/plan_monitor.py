@@ -36,8 +36,7 @@ def plan_monitor(
 ) -> tuple[str, Check]:  # fmt: skip
     """Run the plan `runs` times, tune on two thirds of the runs, check on the others. Returns the tuning as TOML.
 
-    name: of the plan; cell_file: of the description. Raises PlanError with one line where a run fails, or one that was
-    held out is a false alarm.
+    name: of the plan. Raises PlanError where a run fails, or one that was held out is a false alarm.
     """
     recording = planned.recording
     if recording.motion is not Motion.GRAB:

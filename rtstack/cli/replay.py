@@ -35,15 +35,14 @@ def replay(
 
     if twin is not None:
         made = [replay_in_twin(path, twin) for path in logs]
-        for each in made:
-            typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(forces(each)))
-        if any(abs(arm.off) > SAME_FORCE for each in made for arm in each.arms if arm.off is not None):
-            raise typer.Exit(FAILED)
-        return
-    found = [replayed(path) for path in logs]
-    for each in found:
-        typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(_lines(each)))
-    if not all(each.same for each in found):
+        told = [(each.as_dict(), forces(each)) for each in made]
+        same = not any(abs(arm.off) > SAME_FORCE for each in made for arm in each.arms if arm.off is not None)
+    else:
+        found = [replayed(path) for path in logs]
+        told, same = [(each.as_dict(), _lines(each)) for each in found], all(each.same for each in found)
+    for document, lines in told:
+        typer.echo(json_module.dumps(document) if json else "\n".join(lines))
+    if not same:
         raise typer.Exit(FAILED)
 
 

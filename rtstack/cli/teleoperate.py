@@ -42,8 +42,7 @@ def teleoperate(
     from rtstack.teleoperation.stamp import Sender
 
     name, _, argument = device.partition(":")
-    operator = Operator(console, token)
-    factory = DEVICES.load(name)
+    operator, factory = Operator(console, token), DEVICES.load(name)
     with closing(operator), interruptible() as stop:
         operator.post("take")
         operator.post("arm")

@@ -35,10 +35,8 @@ _LINE = TypeAdapter(AuditLine)
 
 
 class AuditTrail:
-    """Appends to a file. Each line is handed to the kernel before `note` returns, so that no kill takes it back.
-
-    Where the folder is moved or replaced, a new file begins at the path. Lines that cannot be written are kept, and
-    written before the next one that can.
+    """Appends to a file. Each line is handed to the kernel before `note` returns, so that no kill takes it back; what
+    cannot be written waits. Where the folder is moved or replaced, a new file begins at the path.
     """
 
     def __init__(self, path: Path) -> None:

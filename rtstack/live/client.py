@@ -33,8 +33,7 @@ SERVICE_SOCKET = Path("/run/rtstack") / SOCKET_NAME  # of the unit rtstack-robot
 
 def running_stacks() -> list[Path]:
     """Return the sockets of this user's robot processes that listen."""
-    found = sorted(Path(tempfile.gettempdir()).glob(f"{RUN_PREFIX}*/{SOCKET_NAME}"))
-    found.append(SERVICE_SOCKET)
+    found = [*sorted(Path(tempfile.gettempdir()).glob(f"{RUN_PREFIX}*/{SOCKET_NAME}")), SERVICE_SOCKET]
     return [path for path in found if _ours(path) and listens(path)]
 
 
@@ -42,9 +41,8 @@ def only_stack(naming: str) -> Path:
     """Return the one running stack's socket. naming: how a user names one. Raises TrialError for none or several."""
     found = running_stacks()
     if not found:
-        raise TrialError(
-            "no stack is running: start one with `rtstack up`, or name the arms with --cell fci:LEFT,RIGHT"
-        )
+        todo = "start one with `rtstack up`, or name the arms with --cell fci:LEFT,RIGHT"
+        raise TrialError(f"no stack is running: {todo}")
     if len(found) > 1:
         raise TrialError(f"{len(found)} stacks are running: name one with {naming}: {', '.join(map(str, found))}")
     return found[0]
@@ -99,8 +97,7 @@ class RobotClient:
     """Speaks with the robot process at a socket. Connects when needed; may be shared by threads."""
 
     def __init__(self, path: Path, timeout_s: float = ANSWER_S) -> None:
-        self._path = path
-        self._timeout_s = timeout_s
+        self._path, self._timeout_s = path, timeout_s
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
 

@@ -31,11 +31,9 @@ class JobManager(Watchdog):
 
     def __init__(self, source: CellSource, mailbox: Mailbox, audit: AuditTrail, logs: Path) -> None:
         """logs: the folder of logs."""
-        self._source, self._logs = source, logs
+        self._source, self._logs, self._mailbox = source, logs, mailbox
         self.authority = ControlAuthority(mailbox, audit)
-        self._lock = threading.Lock()
-        self._news = threading.Event()
-        self._mailbox = mailbox
+        self._lock, self._news = threading.Lock(), threading.Event()
         self._order: RunRequest | None = None
         self._recovery: Future[None] | None = None
         self._job: Job | None = None

@@ -14,11 +14,10 @@ from rtstack.trials.errors import TrialError
 
 @dataclass(frozen=True, slots=True)
 class CellSource:
-    """A kind of cell (as the command line spells it), its description and that file, and how to open one.
+    """A kind of cell (as the command line spells it), its description and that file, and what it said when it was read.
 
     open_cell: with an object in it ("": none), displaced from its place, a seed, and a script of faults for a simulated
-    robot, which others refuse. Each call gives a fresh cell; the caller closes it. Raises HardwareError with one line.
-    content: what the file said when it was read.
+    robot. Each call gives a fresh cell; the caller closes it. Raises HardwareError with one line.
     """
 
     kind: str

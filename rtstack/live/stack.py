@@ -118,14 +118,11 @@ class _Child:
 
     def __init__(self, what: str, module: str, arguments: list[str], inherited: tuple[int, ...] = ()) -> None:
         self.what = what
+        # without a buffer nothing is left to be written when a pipe is closed
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,  # nothing is left to be written when a pipe is closed
-            start_new_session=True,
-            pass_fds=inherited,
-        )
+            [sys.executable, "-m", module, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+            start_new_session=True, pass_fds=inherited,
+        )  # fmt: skip
         self.exit = os.pidfd_open(self._process.pid)
 
     def first_line(self, request: int) -> str:

@@ -1,7 +1,5 @@
 """From an operator's requests, 20 or so a second, to a command a tick: goals, and a filter. Compiled; no allocation.
 
-Requests become goals: checked, kept in reach, and left alone where they jump.
-
 A pose is six coordinates: the position, and the rotation vector from where the end effector began, so that poses can
 be averaged. Three steps follow one another: a low-pass of which each half (m, rad) goes no faster than its
 speed, a moving average over SMOOTH_S, and one over SOFT_S. An average of what is bounded is bounded, so that by
@@ -191,11 +189,8 @@ def _usable(pose):
 
 @compiled
 def aim(poses, followers, aims, lower, upper):
-    """Make the poses (arms, 7) the followers' goals, inside of the box; return how many were not taken.
-
-    Pads of two arms, left before right, are kept apart.
-
-    A pose that is no pose, or is further ahead of its arm's command than AHEAD_M, leaves the goal as it is.
+    """Make the poses (arms, 7) the followers' goals, inside of the box; return how many were not taken. Two pads are
+    kept apart. A pose that is none, or is further ahead of its arm's command than AHEAD_M, leaves the goal as it is.
     """
     missed = 0
     arms = aims.shape[0]

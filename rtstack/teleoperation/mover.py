@@ -39,9 +39,8 @@ class Home:
 class Mover:
     """A point source of a session, and one of its watchdogs: it ends the session once the last way is gone.
 
-    opening: how far each pad goes away from the other one, and an only one backwards, m, 0 for not; lower: first, until
-    the table carries; home: where they go in the end, None where they stay. stiffness: of the springs between command
-    and pad, N/m.
+    opening: how far each pad goes away from the other, an only one backwards, m; lower: first, until the table carries;
+    home: where they go in the end, None where they stay. stiffness: of the springs between command and pad, N/m.
     """
 
     def __init__(
@@ -119,9 +118,8 @@ class Mover:
             goal[2] += min(0.0, self._reach.lower[2] - low - 2.0 * CARRIED_M)
 
     def _open(self) -> None:
-        for goal, position, outwards in zip(
-            self._followers["goal"][:, 0], self._position, self._outwards(), strict=True
-        ):
+        goals = self._followers["goal"][:, 0]
+        for goal, position, outwards in zip(goals, self._position, self._outwards(), strict=True):
             away = position + self._opening_m * outwards
             for i in (0, 1) if len(self._position) == 1 else (1,):
                 goal[i] = min(max(away[i], self._reach.lower[i]), self._reach.upper[i])

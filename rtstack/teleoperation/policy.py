@@ -77,11 +77,7 @@ class Chunk:
         return None
 
     def record(self, models: Mapping[str, ArmModel], posture_joint: int) -> NDArray[np.void]:
-        """Return it as (1,) of CHUNK, without job, lease and times.
-
-        models: of each arm by its side: what gives joints their pads' poses. The row of an arm that is not there says
-        nothing.
-        """
+        """Return it as (1,) of CHUNK, without job, lease and times. models: of each arm by its side."""
         chunk = np.zeros(1, CHUNK)
         chunk["xi"], chunk["pose"][..., 3] = np.nan, 1.0
         rows = [SIDES.index(side) for side in models]

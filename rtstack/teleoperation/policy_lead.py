@@ -1,7 +1,6 @@
 """What a policy asks for, by the tick: its newest answer out of the mailbox, and how long that is good for.
 
-It runs in the loop: it loads words, compares, and interpolates. An answer that is no answer, is of another lease or
-comes too late counts for nothing, and is no sign of life.
+An answer that is no answer, is of another lease or comes too late counts for nothing, and is no sign of life.
 """
 
 from collections.abc import Callable
@@ -69,10 +68,8 @@ def quiet(quiet_ns: int, end: End, lacking: str) -> WatchdogTrip | None:
 
 
 class PolicyLead:
-    """The answers of a policy under a lease. poses (2, 7): what is asked for; xi (2,): of the posture, rad, or NaN.
-
-    Rows are of (left, right), as in the mailbox; the one of an arm that is not there means nothing.
-    clock: the host's monotonic time, ns.
+    """The answers of a policy under a lease. poses (2, 7): what is asked of (left, right); xi (2,): of the posture, rad
+    or NaN. clock: the host's monotonic time, ns.
     """
 
     def __init__(self, mailbox: Mailbox, job: int, clock: Callable[[], int]) -> None:

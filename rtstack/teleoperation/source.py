@@ -59,11 +59,8 @@ class TeleoperationSource:
     """Follows the targets of one job. points (arms, 1) of POINT: the plan's, written each tick.
 
     stop_on_release: a clutch that is let go ends the session; otherwise the arms brake, hold, and wait for it. A clutch
-    that goes quiet, or whose operator is out of sight, ends it always. clock: the host's monotonic time, ns.
-
-    A policy leads while the target names its lease and the clutch is not held: who holds the clutch leads from the next
-    tick on, and until a target gives a policy a lease again. A policy without an answer for CLUTCH_S ends the session.
-
+    that goes quiet, or whose operator is out of sight, ends it always, as does a policy without an answer for CLUTCH_S.
+    A policy leads while the target names its lease, until the clutch is held. clock: the host's monotonic time, ns.
     tell: called with a line when the lead changes hands. arms: those that were observed, once they were. sides: theirs.
     It is a sensor too (hal.sensor): of what was asked, on which picture, and when.
     """
