@@ -217,7 +217,7 @@ class Plant:
         self._pushed = any(push.any() for push in self._pushes)
 
     def put_object_back(self) -> bool:
-        """Put the object where it began, off the table where a pad is in the way; return whether it is there."""
+        """Put the object where it began, or off the table where a pad is in the way; return whether it is there."""
         if self.gone:
             return True
         data, first = self.data, self.first_of_object

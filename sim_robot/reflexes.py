@@ -100,7 +100,7 @@ def _judge(states, kinematics, judged, limits_of, tolerances, masks):
 
 
 def judge_of_commands(tau_last: Array, limits: ArmLimits) -> Callable[[Array], int]:
-    """Return who judges a command, (7,) Nm, by the last one taken: 0, and it is taken, or errors (jump, not finite)."""
+    """Return the judge of a command, (7,) Nm, after the last one taken: 0, and it is taken, or the error's mask."""
     # the limit is met exactly by who limits the rate to it: rounding must not trip it
     largest_step = limits.tau_rate_max * CONTROL_PERIOD_S + 1e-6
     return bound(_take, tau_last, largest_step, TORQUE_DISCONTINUITY, later=(np.zeros(JOINTS),))

@@ -1,1 +1,1 @@
-"""The engine of experiments: a specification gives cases, workers make rows of them, and rows give a report."""
+"""The engine of experiments, whose kinds are plug-ins: cases of a specification, rows by workers, a report of rows."""

@@ -37,8 +37,8 @@ class PlantFaults:
         if not data.ncon:
             return False
         pairs = data.contact.geom
-        pads = list(chain.from_iterable(self._pads))
-        return bool(np.any((pairs == self._object).any(axis=1) & np.isin(pairs, pads).any(axis=1)))
+        touching = (pairs == self._object).any(axis=1) & np.isin(pairs, list(chain(*self._pads))).any(axis=1)
+        return bool(touching.any())
 
     def change(self) -> None:
         """Take over what the schedule now says."""

@@ -94,7 +94,7 @@ def _judge_elbow(motion, command, setting, start, delbow, ddelbow):
 
 @compiled
 def follow_cartesian(motion, command, kind, body, setting, q_measured):
-    """Take a pose or a twist; return errors, and change nothing then. q_measured (7,): may be the start, too."""
+    """Take a pose or a twist; return errors, and change nothing then. q_measured (7,): where it may start, too."""
     T, twist = np.empty((4, 4)), np.empty(6)
     q_start, elbow_start = motion.q_d.copy(), motion.elbow_c[0]
     mask = 0

@@ -36,9 +36,7 @@ class Pace:
         return max(self.deadline_ns, min(self._shown_ns, self.deadline_ns) + round(self._period_ns))
 
     def end_ns(self, awaited: bool, punctual: bool) -> int:
-        """Return when the present millisecond ends. awaited: an answer is due; punctual: its client answered the last
-        state.
-        """
+        """Return when the present millisecond ends. awaited: an answer is due; punctual: the last one came in time."""
         if not awaited:
             return self._scheduled_ns  # what the clock stood still is made up for
         return self.window_ns if punctual else self.deadline_ns

@@ -69,7 +69,7 @@ class Grid:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Column:
-    """A column of Table 1 or 2. always_deg: expected in its figure; ambiguity_deg: from here beyond it nothing is."""
+    """A column of Table 1 or 2. always_deg: always expected in its figure; ambiguity_deg: beyond it nothing is."""
 
     always_deg: tuple[Real, Real]
     ambiguity_deg: Positive

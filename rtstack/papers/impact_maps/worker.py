@@ -43,7 +43,7 @@ from sim_robot.scene import NO_OBJECT, PlacementScatter
 def validation_cell(
     bench: "ValidationBench", object_name: str, seed: int, robot: int, conditions: ValidationConditions
 ) -> BuiltCell:
-    """Return the simulated cell of a trial: the arms of seed `robot`, all else of `seed`; object_name: or ""."""
+    """Return the simulated cell of a trial: arms of seed `robot`, all else of `seed`; object_name: empty for none."""
     nominal, parameters = simulated_files(bench.lab_file)
     draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
     pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()

@@ -57,7 +57,7 @@ class HitGains:
 
 @dataclass(frozen=True, slots=True)
 class Hit(Result):
-    """ticks (n,) of TICK; stopped: why it ended before its plan did, ""; missed_deadlines: late cycles."""
+    """ticks (n,) of TICK; stopped: why it ended before its plan, empty if not; missed_deadlines: late cycles."""
 
     ticks: NDArray[np.void]
     stopped: str
