@@ -166,3 +166,37 @@ def test_a_log_without_a_sample_is_listed_and_has_no_curve_whatever_its_name(tmp
     assert all(len(trace.t_s) == len(trace.values) == 0 for trace in log.traces)
     path.write_bytes(path.read_bytes()[:-9])
     assert read_log(path, truncated=True).metadata["trial"] == {"kind": "trial"}
+
+
+def test_a_chunk_whose_length_is_wrong_is_recovered_without_an_index(tmp_path: Path) -> None:
+    path, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
+    for compression in CompressionType:
+        data = small_log(random.Random(0), compression=compression, index_types=IndexType.NONE, chunk_size=500)
+        there = messages_of(data)
+        records = split(data[len(MAGIC) : -len(MAGIC)])
+        k = [opcode for opcode, _ in records].index(Opcode.CHUNK)
+        name = int.from_bytes(records[k][1][28:32], "little")
+        for bit in (0, 5, 47):
+            body = bytearray(records[k][1])
+            body[32 + name + bit // 8] ^= 1 << bit % 8
+            path.write_bytes(whole(end_fitted([*records[:k], (Opcode.CHUNK, bytes(body)), *records[k + 1 :]])))
+            out.unlink(missing_ok=True)
+            summary = recover(path, out)  # a decoder may not need the last byte
+            assert not summary.missing
+            log = read_log(summary.output or path)
+            assert {topic: log.times(topic) for topic in log.topics} == there
+
+
+def test_a_record_that_the_summary_places_beyond_every_file_is_looked_for(tmp_path: Path) -> None:
+    data = small_log(random.Random(0), chunk_size=500)
+    records = split(data[len(MAGIC) : -len(MAGIC)])
+    k = [opcode for opcode, _ in records].index(Opcode.CHUNK_INDEX)
+    body = records[k][1]
+    records[k] = Opcode.CHUNK_INDEX, body[:16] + (1 << 63).to_bytes(8, "little") + body[24:]
+    path = tmp_path / "log.mcap"
+    path.write_bytes(whole(end_fitted(records)))
+    with pytest.raises(LogError, match="the summary names a record here, and there is none"):
+        read_log(path)
+    summary = recover(path)
+    assert summary.output is not None
+    assert messages_of(summary.output.read_bytes()) == messages_of(data)

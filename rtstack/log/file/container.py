@@ -26,12 +26,12 @@ from rtstack.log.errors import LogError, damaged, remedy
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")  # opcode, length
 MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_CHUNK = struct.Struct("<BQQQQII")  # opcode, length, log times, size, checksum, length of the compression's name
+CHUNK = struct.Struct("<BQQQQII")  # opcode, length, log times, size, checksum, length of the compression's name
 RECORD_HEADER = _RECORD.size
 MESSAGE_HEADER = MESSAGE.size
 FOOTER_SIZE = RECORD_HEADER + 20  # two offsets and a checksum
 DATA_END_SIZE = RECORD_HEADER + 4  # checksum: what the summary follows
-_CHUNK_MIN = _CHUNK.size - RECORD_HEADER + 8  # of an empty one; some writers fill in the length last
+_CHUNK_MIN = CHUNK.size - RECORD_HEADER + 8  # of an empty one; some writers fill in the length last
 LARGEST_CHUNK = 64 << 20  # bytes, uncompressed; our writer's have about 1 MiB
 _LONGEST_NAME = 64  # bytes, of a compression
 _BLOCK = 4 << 20  # bytes of a run of records outside of chunks
@@ -163,16 +163,16 @@ def chunk_at(file: BinaryIO, section: Section, head: bool = False, cut: bool = F
     if section.size > 2 * LARGEST_CHUNK and not cut:
         raise Unreadable(f"a chunk has {section.size} bytes: at most {LARGEST_CHUNK} are read")
     file.seek(section.offset)
-    raw = file.read(min(section.size, _CHUNK.size + _LONGEST_NAME + 8 if head else 2 * LARGEST_CHUNK))
-    _, _, first_ns, last_ns, size, crc, named = _CHUNK.unpack_from(raw)
-    place = _CHUNK.size + named + 8
+    raw = file.read(min(section.size, CHUNK.size + _LONGEST_NAME + 8 if head else 2 * LARGEST_CHUNK))
+    _, _, first_ns, last_ns, size, crc, named = CHUNK.unpack_from(raw)
+    place = CHUNK.size + named + 8
     if named > _LONGEST_NAME or place > section.size:
         raise ValueError(f"the name of a chunk's compression has {named} bytes")
     stored = int.from_bytes(raw[place - 8 : place], "little")
     if stored > section.size - place and not cut:
         raise ValueError(f"a chunk says that it has {stored} bytes, and has {section.size - place}")
     return Chunk(
-        compression=raw[_CHUNK.size : place - 8].decode(), data=raw[place : place + stored], uncompressed_size=size,
+        compression=raw[CHUNK.size : place - 8].decode(), data=raw[place : place + stored], uncompressed_size=size,
         uncompressed_crc=crc, message_start_time=first_ns, message_end_time=last_ns,
     )  # fmt: skip
 

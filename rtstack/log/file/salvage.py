@@ -39,7 +39,7 @@ class Salvage:
                 self._summary = read_summary(file, end)
         self._sure: list[int] = []  # where the summary and the record itself say the same
         for offset, (kind, size, _) in [*self._summary.known.items()]:
-            file.seek(offset)
+            file.seek(min(offset, self._stop))
             wanted = bytes([kind]) + max(size - RECORD_HEADER, 0).to_bytes(8, "little")
             wrong = sum(a != b for a, b in zip(file.read(RECORD_HEADER), wanted, strict=False))
             if wrong > 1:  # it says nothing about this file
@@ -149,17 +149,20 @@ class Salvage:
         return True
 
     def _chunk(self, section: Section) -> tuple[bytes, Part]:
-        """Return the data of a chunk, by the summary where its own head is damaged."""
-        try:
+        """Return the data of a chunk, by the summary where its own head is damaged, else whatever length it says."""
+        with contextlib.suppress(Exception):  # each decompressor has its own
             return self._checked(container.chunk_at(self._file, section), section)
-        except Exception:  # each decompressor has its own
-            if (said := self._summary.chunks.get(section.offset)) is None:
-                raise
+        said = self._summary.chunks.get(section.offset)
         self._file.seek(section.offset)
-        raw = self._file.read(section.size)
-        crc = int.from_bytes(raw[_CRC_AT : _CRC_AT + 4], "little")
-        data = raw[max(0, len(raw) - said.compressed_size) :]
-        data, part = self._checked(Chunk(said.compression, data, 0, 0, crc, said.uncompressed_size), section)
+        raw = self._file.read(min(section.size, 2 * container.LARGEST_CHUNK))
+        if said is None:
+            chunk = container.chunk_at(self._file, section, cut=True)
+            chunk.data = raw[container.CHUNK.size + len(chunk.compression) + 8 :]
+        else:
+            crc = int.from_bytes(raw[_CRC_AT : _CRC_AT + 4], "little")
+            data = raw[max(0, len(raw) - said.compressed_size) :]
+            chunk = Chunk(said.compression, data, 0, 0, crc, said.uncompressed_size)
+        data, part = self._checked(chunk, section)
         return data, Part(section, rest=part.rest or data)
 
     def _checked(self, chunk: Chunk, section: Section) -> tuple[bytes, Part]:

@@ -100,10 +100,11 @@ def whole(records: list[Record]) -> bytes:
     return MAGIC + join(records) + MAGIC
 
 
-def messages_of(data: bytes, streamed: bool = False) -> Times | None:
+def messages_of(data: bytes, streamed: bool = False, defined: bool = False) -> Times | None:
     """Return the log times that an independent walk of a file finds, None where anything in it is not whole.
 
-    streamed: nor where a message stands before its channel, or its channel in the summary alone.
+    streamed: nor where a message stands before its channel, or its channel in the summary alone. defined: without
+    messages of channels that are not defined, which else are not whole.
     """
     try:
         if not data.startswith(MAGIC) or not data.endswith(MAGIC):
@@ -133,6 +134,8 @@ def messages_of(data: bytes, streamed: bool = False) -> Times | None:
         names = {number: Channel.read(ReadDataStream(BytesIO(body))).topic for number, body in topics.items()}
         times: Times = {}
         for number, log_ns in found:
+            if defined and number not in names:
+                continue
             times.setdefault(names[number], []).append(log_ns)
         return {name: sorted(each) for name, each in times.items()}
     except Exception:  # whatever each library makes of it
