@@ -210,7 +210,11 @@ def test_a_watched_campaign_stops_after_a_suspension(monkeypatch):
     stop, done, times = Interrupt(), threading.Event(), iter((0.0, 0.1, 0.2, 3600.0))
     monkeypatch.setattr("rtstack.cli.hold_to_run.since_boot_s", lambda: next(times))
     theirs, ours = os.pipe()
-    HoldToRun._watch_keys(object.__new__(HoldToRun), theirs, stop, done.set, done)
+    keys = threading.Thread(  # it takes a real-time schedule
+        target=HoldToRun._watch_keys, args=(object.__new__(HoldToRun), theirs, stop, done.set, done)
+    )
+    keys.start()
+    keys.join()
     assert stop.stop_requested
     assert not done.is_set()  # it was no pause
     for descriptor in (theirs, ours):

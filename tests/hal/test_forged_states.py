@@ -82,6 +82,7 @@ def test_a_number_may_go_on_as_far_as_time_has(wire):
     assert peeked.take(5479) == -1
 
 
+@pytest.mark.alone  # neither side may be kept waiting for as long as a robot that is lost
 def test_strangers_are_not_heard_and_a_box_that_counts_anew_is_lost():
     left, right = addresses()
     program = (
