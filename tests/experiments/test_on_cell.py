@@ -373,16 +373,19 @@ def test_arms_that_were_lost_are_connected_to_again(monkeypatch):
                 raise ConnectionLost("the left arm was lost; open it again")
             recovered.append(self.name)
 
+    def both(left, right):
+        return SimpleNamespace(arms=[left, right], recover=lambda: (left.recover(), right.recover()))
+
     @contextmanager
     def cell(self, run):
         opened.append(run)
-        yield SimpleNamespace(arms=[Arm("new left"), Arm("new right")])
+        yield both(Arm("new left"), Arm("new right"))
 
     monkeypatch.setattr(Terminal, "cell", cell)
     host = Terminal("fci:a,b", load_cell_description(default_cell_file()), default_cell_file(), "a campaign")
     with host.kept_cell("a run"):
         assert host.recover() is None
-        host._cell = SimpleNamespace(arms=[Arm("left"), Arm("right", lost=True)])
+        host._cell = both(Arm("left"), Arm("right", lost=True))
         assert host.recover() is host._cell
     assert opened == ["a run", "a run"]
     assert recovered == ["new left", "new right", "left", "new left", "new right"]
