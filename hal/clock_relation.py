@@ -123,7 +123,9 @@ def _update(memory, a_ns, b_ns):
 
 class ClockRelation:
     """The relation of clock a, that messages carry, to clock b, by which they are stamped on arrival. Times in ns.
-    Nothing here allocates, waits or raises: it may be used in the tick."""
+
+    Nothing here allocates, waits or raises: it may be used in the tick.
+    """
 
     def __init__(self) -> None:
         self.memory = np.zeros(1, RELATION)

@@ -40,10 +40,12 @@ Quaternion = Annotated[tuple[Real, Real, Real, Real], AfterValidator(_unit)]
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Pad:
-    """A box on the flange whose outer face is the end effector, and what holds it. size: along the face's x and y, and
-    its thickness, m. The face's frame in the flange's: its middle is at (offset_xy, flange_to_face), m, its z looks out
-    of the pad; orientation_wxyz. Of everything on the flange: mass kg, centre of mass m, and inertia about it, (xx, yy,
-    zz, xy, xz, yz) kg m^2, along the flange's axes; None: the box's own."""
+    """A box on the flange whose outer face is the end effector, and what holds it.
+
+    size: along the face's x and y, and its thickness, m. The face's frame in the flange's: its middle is at (offset_xy,
+    flange_to_face), m, its z looks out of the pad; orientation_wxyz. Of everything on the flange: mass kg, centre of
+    mass m, and inertia about it, (xx, yy, zz, xy, xz, yz) kg m^2, along the flange's axes; None: the box's own.
+    """
 
     size: Vector
     mass: NotNegative

@@ -16,5 +16,8 @@ class Sensor(Protocol):
 
     def read(self, sample: NDArray[np.void]) -> None:
         """Write the newest sample, (1,), of the topic's record; t_ns is the robot's time in ns; one whose t_ns is the
-        last one's is not published again. Called once a tick: it must not block, wait, allocate or raise, and leaves
-        the sample alone (t_ns is -1) until there is one."""
+        last one's is not published again.
+
+        Called once a tick: it must not block, wait, allocate or raise, and leaves the sample alone (t_ns is -1) until
+        there is one.
+        """

@@ -36,8 +36,11 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One row of the table. rate_hz: nominal; 0 for events. every_tick: published in every tick of every run: the log
-    waits for it. plotted: the review has its fields as curves, in the group that the topic's name begins with."""
+    """One row of the table.
+
+    rate_hz: nominal; 0 for events. every_tick: published in every tick of every run: the log waits for it. plotted: the
+    review has its fields as curves, in the group that the topic's name begins with.
+    """
 
     name: str
     message: Message

@@ -73,7 +73,9 @@ def _comma(text: str, line: int) -> str:
 
 def place_of(source: str, text: str, key: Sequence[str | int]) -> str:
     """Return FILE:LINE of a key in a file's text; of its table, where it is missing; without a line, where that is too.
-    key: names of tables and key, and numbers in arrays, from the outside."""
+
+    key: names of tables and key, and numbers in arrays, from the outside.
+    """
     lines = _lines_of(text)
     for length in range(len(key), 0, -1):
         if number := lines.get(tuple(key[:length])):
@@ -99,8 +101,10 @@ def _lines_of(text: str) -> dict[tuple[str | int, ...], int]:
 
 
 def with_values(text: str, values: dict[tuple[str, ...], Any]) -> str:
-    """Return a TOML file's text with other values of some keys, by the names of table and key; everything else stays. A
-    key that is not there comes below its table's name, a table at the end."""
+    """Return a TOML file's text with other values of some keys, by the names of table and key; everything else stays.
+
+    A key that is not there comes below its table's name, a table at the end.
+    """
     for key, value in reversed(values.items()):
         lines, found = text.splitlines(), _lines_of(text)
         written = value.isoformat() if hasattr(value, "isoformat") else json.dumps(value, allow_nan=False)
@@ -180,8 +184,10 @@ def one_line(message: str) -> str:
 
 def toml_text(document: Mapping[str, Any], *comments: str) -> str:
     """Return the text of a TOML file: a line for each comment and each value (text, finite numbers, booleans, lists;
-    None is left out), and then a table for each mapping. tomli-w would write a line for each element of a list. Raises
-    ValueError for a number that is not finite."""
+    None is left out), and then a table for each mapping.
+
+    tomli-w would write a line for each element of a list. Raises ValueError for a number that is not finite.
+    """
     return "\n".join([*(f"# {comment}" for comment in comments), *_table(document, "")]) + "\n"
 
 

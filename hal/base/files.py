@@ -13,8 +13,10 @@ PARTIAL = ".part"  # how the name of a file ends that is being written
 @contextmanager
 def replacing(path: Path, durable: bool = True, mode: int = 0o666) -> Iterator[Path]:
     """Give the path of a new file beside `path`; it takes its place when the block ends, and is removed otherwise: a
-    reader sees the old file or the new one; durable: also after a power failure. mode: permissions, less the process's
-    mask. Raises OSError."""
+    reader sees the old file or the new one; durable: also after a power failure.
+
+    mode: permissions, less the process's mask. Raises OSError.
+    """
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PARTIAL}")
     os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode))
     try:
@@ -45,8 +47,10 @@ def write_whole(path: Path, content: str | bytes, durable: bool = True, mode: in
 
 @contextmanager
 def locked(path: Path, shared: bool = False, wait: bool = True) -> Iterator[None]:
-    """Hold the lock of a file, which is made if it is not there, or of a folder. It ends with the process, too. shared:
-    beside others that share it. Raises OSError, BlockingIOError where wait is False and another one holds it."""
+    """Hold the lock of a file, which is made if it is not there, or of a folder. It ends with the process, too.
+
+    shared: beside others that share it. Raises OSError, BlockingIOError where wait is False and another one holds it.
+    """
     flags = os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT
     descriptor = os.open(path, flags | os.O_CLOEXEC, 0o666)
     try:

@@ -60,7 +60,10 @@ def robot_cpu() -> int:
 def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterator[Obtained]:
     """Make the calling thread a real-time one as far as the host allows; take everything back at the end: FIFO
     (priority 0, or refused: an ordinary thread with short slices), one CPU (None: the last one; ANY_CPU: as it was),
-    memory locked, timer slack 1 ns, no garbage collection. What was obtained is given."""
+    memory locked, timer slack 1 ns, no garbage collection.
+
+    What was obtained is given.
+    """
     policy, parameters, cpus = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
     slack_ns = _libc.prctl(_PR_GET_TIMERSLACK)
     collecting = gc.isenabled()

@@ -43,9 +43,11 @@ def user_folder(variable: str, default: str) -> Path:
 
 
 def refuse_foreign(path: Path) -> None:
-    """Raise PermissionError, which says why, where another user may change what is at a path. Each folder above it, and
-    each link on the way, has to belong to this user or root; others may write folders above it with a sticky bit, such
-    as /tmp. Raises OSError."""
+    """Raise PermissionError, which says why, where another user may change what is at a path.
+
+    Each folder above it, and each link on the way, has to belong to this user or root; others may write folders above
+    it with a sticky bit, such as /tmp. Raises OSError.
+    """
     trusted = {0, os.geteuid()}
     if Path("/proc/self/uid_map").read_text().split()[-1] != _ALL_USERS:
         trusted.add(_OVERFLOW_UID)
@@ -74,8 +76,11 @@ class Block:
 
     @classmethod
     def create(cls, name: str, size: int) -> "Block":
-        """Create a block of `size` bytes, all 0. All pages are taken at once: a write beyond the last free one would be
-        a SIGBUS. Raises OSError, also where there is no memory for all of it."""
+        """Create a block of `size` bytes, all 0.
+
+        All pages are taken at once: a write beyond the last free one would be a SIGBUS. Raises OSError, also where
+        there is no memory for all of it.
+        """
         remove_left_once()
         path = MEMORY / name
         while True:

@@ -26,8 +26,10 @@ def adopt(desk: Desk, trust: Trust, address: str) -> bool:
 
 def start(desk: Desk, trust: Trust, address: str, self_test: bool = False) -> Iterator[str]:
     """Take control, unlock the brakes, change to Execution, activate FCI; give a line for each step that was needed.
+
     Control is kept for `stop`. self_test: run it before, also where it is overdue. Raises NotTrusted, DeskError with
-    what a person has to do first."""
+    what a person has to do first.
+    """
     state = desk.state()
     if state.obstacles and not (self_test and state.recovery == "SelfTestsElapsed"):
         raise DeskError(f"{desk.called}: {'; '.join(state.obstacles)}")

@@ -44,9 +44,11 @@ class FciArm:
         self, address: str, tool: Pad | None = None, collisions: CollisionBehaviour | None = None, *,
         name: str = "arm", enforce_realtime: bool = False,
     ) -> None:  # fmt: skip
-        """Connect and set up; an arm in reflex is set up by its recovery. tool: None leaves what is set in Desk. name:
-        in messages. enforce_realtime: refuse a kernel that is not real-time. Raises ConnectionLost, CommandRejected,
-        HardwareError."""
+        """Connect and set up; an arm in reflex is set up by its recovery.
+
+        tool: None leaves what is set in Desk. name: in messages. enforce_realtime: refuse a kernel that is not
+        real-time. Raises ConnectionLost, CommandRejected, HardwareError.
+        """
         self.address = address
         self.called = f"the {name} at {address}"
         self.state = ArmState.empty()  # that was read last
@@ -109,8 +111,10 @@ class FciArm:
             configure(self._open_robot(), *self._setup, self.called)
 
     def set_collisions(self, collisions: CollisionBehaviour) -> None:
-        """Tell other thresholds of the next motion; an arm in reflex is told by its recovery. Raises CommandRejected
-        while the arm moves, ConnectionLost."""
+        """Tell other thresholds of the next motion; an arm in reflex is told by its recovery.
+
+        Raises CommandRejected while the arm moves, ConnectionLost.
+        """
         tool, before = self._setup
         self._setup, self.hold_bounds = (tool, collisions), collisions.hold_bounds
         if collisions != before and not self.reflex():
@@ -135,9 +139,11 @@ class FciArm:
         return np.array(self._torques.tau_J)
 
     def start(self) -> None:
-        """Take torque control, if it was not taken: from now on the robot wants an answer each millisecond. Lasts as
-        long as the control box takes, in which this process answers no other arm: see hal.fci.hold. Raises
-        CommandRejected."""
+        """Take torque control, if it was not taken: from now on the robot wants an answer each millisecond.
+
+        Lasts as long as the control box takes, in which this process answers no other arm: see hal.fci.hold. Raises
+        CommandRejected.
+        """
         if self._control is None:
             robot = self._open_robot()
             self._waits = False
@@ -245,15 +251,20 @@ class FciArm:
                     break
 
     def recover(self) -> None:
-        """Clear a reflex. An arm in none is asked nothing: a recovery must not wait there for the next error. Raises
-        RecoveryRefused while its cause persists or a person has to act, ConnectionLost."""
+        """Clear a reflex.
+
+        An arm in none is asked nothing: a recovery must not wait there for the next error. Raises RecoveryRefused while
+        its cause persists or a person has to act, ConnectionLost.
+        """
         begun = self.begin_recovery()
         if begun is not None:
             self.end_recovery(*begun)
 
     def begin_recovery(self) -> "tuple[subprocess.Popen[str], tuple[str, ...]] | None":
-        """Begin what `recover` does; return what `end_recovery` takes, None for an arm in no reflex. Until then this
-        arm is not connected: a robot has one client, and a process of its own asks it."""
+        """Begin what `recover` does; return what `end_recovery` takes, None for an arm in no reflex.
+
+        Until then this arm is not connected: a robot has one client, and a process of its own asks it.
+        """
         self._open_robot()
         self.stop()
         state = self._read_idle()

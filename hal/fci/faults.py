@@ -16,8 +16,10 @@ _INCOMPATIBLE = "Incompatible library version"  # pylibfranka has no class of it
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Return the vendor's error names in a message, in the order of the wire. libfranka spells one in two ways:
-    tau_J_range_violation, and tau_j_range_violation in its list."""
+    """Return the vendor's error names in a message, in the order of the wire.
+
+    libfranka spells one in two ways: tau_J_range_violation, and tau_j_range_violation in its list.
+    """
     words = set("".join(c if c.isalnum() or c == "_" else " " for c in text.lower()).split())
     return tuple(name for name in ROBOT_ERRORS if name in words)
 

@@ -112,8 +112,11 @@ def _answer(
 
 
 class Held(Protocol):
-    """An arm in motion that can be answered without libfranka. hold_bounds: outside of them it is answered no more;
-    let_go: how long the last hold lasted and which bound ended it, in words to follow the arm's name, or ""."""
+    """An arm in motion that can be answered without libfranka.
+
+    hold_bounds: outside of them it is answered no more; let_go: how long the last hold lasted and which bound ended it,
+    in words to follow the arm's name, or "".
+    """
 
     socket: int
     hold_bounds: HoldBounds

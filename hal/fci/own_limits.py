@@ -21,8 +21,10 @@ _SUCCESS = 0
 
 
 def ask_for_urdf(address: str) -> str:
-    """Return the URDF of the robot at an address, which no client is connected to. Raises ConnectionLost where it does
-    not answer as a robot does, HardwareError where it refuses."""
+    """Return the URDF of the robot at an address, which no client is connected to.
+
+    Raises ConnectionLost where it does not answer as a robot does, HardwareError where it refuses.
+    """
     due_s = time.monotonic() + PATIENCE_S
     try:
         with (
@@ -55,9 +57,11 @@ def _columns(joints: list[xml.Element], element: str, *attributes: str) -> Array
 
 
 def limits_in(urdf: str, arm: str) -> OwnLimits:
-    """Return the limits of the first seven joints that have any. A robot without a velocity limit of its own near the
-    position limits (`<position_based_velocity_limits>`) reports -dq_max and 0 (ArmLimits.enforced_velocity_law), or
-    leaves the elements out. Raises HardwareError with one line."""
+    """Return the limits of the first seven joints that have any.
+
+    A robot without a velocity limit of its own near the position limits (`<position_based_velocity_limits>`) reports
+    -dq_max and 0 (ArmLimits.enforced_velocity_law), or leaves the elements out. Raises HardwareError with one line.
+    """
     try:
         joints = [joint for joint in xml.fromstring(urdf).iter("joint") if joint.find("limit") is not None][:DOF]
         columns = _columns(joints, "limit", "lower", "upper", "velocity", "effort")

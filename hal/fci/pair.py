@@ -69,8 +69,11 @@ class StateWatch:
 
 
 class FciPair:
-    """One or two connected arms: a hal.cell.ArmLink. left, right: None for an arm that is not there. arms: those that
-    are, by their bit of the mask. cycles: of each arm, where it is answered by its own clock."""
+    """One or two connected arms: a hal.cell.ArmLink.
+
+    left, right: None for an arm that is not there. arms: those that are, by their bit of the mask. cycles: of each arm,
+    where it is answered by its own clock.
+    """
 
     def __init__(self, left: FciArm | None, right: FciArm | None, *, shared_clock: bool = False) -> None:
         self.left, self.right = left, right
@@ -129,8 +132,11 @@ class FciPair:
             arm.set_collisions(collisions)
 
     def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
-        """End the motion of all, see hal.cell.ArmLink. Where they do not stand still, a robot that is slow to end the
-        first one's motion leaves the second one without answers, and it stops by itself. Never raises."""
+        """End the motion of all, see hal.cell.ArmLink.
+
+        Where they do not stand still, a robot that is slow to end the first one's motion leaves the second one without
+        answers, and it stops by itself. Never raises.
+        """
         for side in sorted(self.arms, reverse=first == RIGHT):
             arm = self.arms[side]
             with self.holding(arm) if at_rest else nullcontext():
@@ -219,9 +225,11 @@ def open_pair(
     left_address: str | None, right_address: str | None, tools: tuple[Pad | None, Pad | None] = (None, None),
     collisions: CollisionBehaviour | None = None, *, shared_clock: bool = False, enforce_realtime: bool = False,
 ) -> FciPair:  # fmt: skip
-    """Connect to the arms, with what each of them carries; None: there is no such arm. shared_clock: they are of one
-    robot that waits for answers (lockstep), and their first states are to be the same. Raises what FciArm raises, and
-    leaves nothing open then."""
+    """Connect to the arms, with what each of them carries; None: there is no such arm.
+
+    shared_clock: they are of one robot that waits for answers (lockstep), and their first states are to be the same.
+    Raises what FciArm raises, and leaves nothing open then.
+    """
     opened: list[FciArm | None] = []
     try:
         for name, address, tool in zip(("left arm", "right arm"), (left_address, right_address), tools, strict=True):

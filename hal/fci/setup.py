@@ -28,11 +28,13 @@ def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None
 
 
 def configure(robot: franka.Robot, tool: Pad | None, collisions: CollisionBehaviour, called: str) -> None:
-    """Set an idle robot's thresholds and, unless it is None, its tool, and read the tool back. The tool's outer face
-    becomes the end effector, and the stiffness frame K. Where Desk does not know it as the end effector it is a load.
-    Frames, masses and the load's centre are compared with the state, as what an earlier client has set must not remain;
-    thresholds and joint impedance cannot be read back. called: the arm in messages. Raises HardwareError where Desk has
-    another tool, or the robot does not report what was set; and pylibfranka's."""
+    """Set an idle robot's thresholds and, unless it is None, its tool, and read the tool back.
+
+    The tool's outer face becomes the end effector, and the stiffness frame K. Where Desk does not know it as the end
+    effector it is a load. Frames, masses and the load's centre are compared with the state, as what an earlier client
+    has set must not remain; thresholds and joint impedance cannot be read back. called: the arm in messages. Raises
+    HardwareError where Desk has another tool, or the robot does not report what was set; and pylibfranka's.
+    """
     tell_collisions(robot, collisions)
     robot.set_joint_impedance(_JOINT_IMPEDANCE)
     if tool is None:

@@ -28,8 +28,10 @@ def reference_in(cell_file: Path, model: str) -> str:
 
 @cache
 def robot(reference: str = DEFAULT) -> RobotModel:
-    """Return the model of a registered name, or of a TOML's path: always the same object for the same reference. Raises
-    RobotError with one line."""
+    """Return the model of a registered name, or of a TOML's path: always the same object for the same reference.
+
+    Raises RobotError with one line.
+    """
     if reference == DEFAULT:  # whatever is installed
         return FR3
     if reference.endswith(".toml"):

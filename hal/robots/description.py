@@ -14,8 +14,11 @@ HEAVIEST_ARM_KG = 200.0  # ours: 1 kg in g is more, and no joint of such an arm 
 
 def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits: ArmLimits) -> str:
     """Return the URDF of the chain of `joints` and its flange's link, with every link's inertia, collision and visual
-    geometry, and the model's limits. Each joint has to turn about its z axis, the flange to be fixed to the last link,
-    along its z. Raises DescriptionError."""
+    geometry, and the model's limits.
+
+    Each joint has to turn about its z axis, the flange to be fixed to the last link, along its z. Raises
+    DescriptionError.
+    """
     source = parsed(text)
     by_child = {linked(joint, "child"): joint for joint in source.findall("joint")}
     by_name = {joint.get("name"): joint for joint in source.findall("joint")}

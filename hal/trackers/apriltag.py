@@ -32,7 +32,10 @@ _ACROSS_PX, _POINTS, _LEAST_STEP = 3.0, 48, 20.0
 
 def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array]]:
     """Return what finds tags in a grey picture (height, width): T_camera_tag (4, 4), m, by the tags' numbers; none of a
-    number that is seen twice. Raises ImportError where OpenCV is not installed."""
+    number that is seen twice.
+
+    Raises ImportError where OpenCV is not installed.
+    """
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()

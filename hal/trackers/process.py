@@ -33,8 +33,10 @@ def ready() -> None:
 
 def note(text: str, body: bool = False) -> None:
     """In the process: keep what stands between the tracker and the object, "" for nothing
-    (hal.tracker.ClosableTracker), in the file that is its standard input: nothing waits for a reader. body: it counts
-    for a run that is about the object alone."""
+    (hal.tracker.ClosableTracker), in the file that is its standard input: nothing waits for a reader.
+
+    body: it counts for a run that is about the object alone.
+    """
     written = (" " if body else "") + text
     os.pwrite(0, written.encode()[:_NOTE_BYTES].ljust(_NOTE_BYTES, b"\0"), 0)
 
@@ -56,8 +58,11 @@ class PoseSender:
 
 
 class TrackerProcess:
-    """A link, and the module of ours that feeds it: `python -m MODULE ARGUMENTS... HOST PORT` of the link, which calls
-    `ready`. Raises OSError, ValueError for a request without the number of what is followed."""
+    """A link, and the module of ours that feeds it: `python -m MODULE ARGUMENTS...
+
+    HOST PORT` of the link, which calls `ready`. Raises OSError, ValueError for a request without the number of what is
+    followed.
+    """
 
     def __init__(self, request: TrackerRequest, module: str, *arguments: str) -> None:
         if request.body is None:

@@ -26,8 +26,11 @@ class Payload:
 
 def payload(model: pin.Model, told: tuple[float, Array], q: Array, tau_ext: Array) -> Payload:
     """Fit the load that explains external torques tau_ext (n, 7), Nm, of an arm that rests at q (n, 7), rad, beside an
-    offset of each joint. model: of the arm in the world; told: mass, kg, and centre (3,), m in the flange's frame, that
-    the robot counts on. Raises CalibrationError."""
+    offset of each joint.
+
+    model: of the arm in the world; told: mass, kg, and centre (3,), m in the flange's frame, that the robot counts on.
+    Raises CalibrationError.
+    """
     if len(q) < FEWEST:
         raise CalibrationError(f"the payload takes {FEWEST} postures at rest, not {len(q)}")
     data, still = model.createData(), np.zeros(7)

@@ -32,8 +32,10 @@ Values = dict[tuple[str, ...], Any]
 
 
 def changes(fit: "Fit", loads: Mapping[str, "Payload"], description: CellDescription, today: datetime.date) -> Values:
-    """Return the keys of the cell's file and the values that the points give them. A pad's face, mass and centre are
-    those of real arms alone: a simulated one has what its cell's file says."""
+    """Return the keys of the cell's file and the values that the points give them.
+
+    A pad's face, mass and centre are those of real arms alone: a simulated one has what its cell's file says.
+    """
     values: Values = {}
     if not description.simulated:
         values |= _pads(fit, loads, description)

@@ -157,8 +157,10 @@ def sign(
     step: str, by: str, values: Mapping[str, float | str], description: CellDescription, cell_file: Path | None,
     firmware: Mapping[str, str] | None = None, log: str = "",
 ) -> None:  # fmt: skip
-    """Append a signed step to the record. firmware: by side; None: as it was when the arms were held last. Raises
-    ConfigurationError for an unknown step, an empty name and a file that cannot be written."""
+    """Append a signed step to the record. firmware: by side; None: as it was when the arms were held last.
+
+    Raises ConfigurationError for an unknown step, an empty name and a file that cannot be written.
+    """
     if cell_file is None or description.simulated:
         raise ConfigurationError("only a cell of real arms is commissioned: name its file with --cell-file")
     names = [each.name for each in steps(description)]
@@ -224,8 +226,10 @@ def _sound(state: StepState) -> bool:
 
 
 def commissioned(kind: str, description: CellDescription, cell_file: Path) -> CellDescription:
-    """Return the description of a cell, capped where its arms are real and its commissioning is not complete. kind: as
-    the command line spells it. Raises TrialError, ConfigurationError."""
+    """Return the description of a cell, capped where its arms are real and its commissioning is not complete.
+
+    kind: as the command line spells it. Raises TrialError, ConfigurationError.
+    """
     found, argument = kind_of(kind)
     if description.simulated or found.simulated(argument, description):  # a file of a simulated cell is refused later
         return description

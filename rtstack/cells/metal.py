@@ -38,7 +38,10 @@ def _real(addresses: Sequence[str]) -> list[str]:
 
 def check_real_cell(addresses: Sequence[str], description: CellDescription, cell_file: Path | None) -> None:
     """Refuse arms at these addresses, one of each, that are not this machine's, or that the cell's file does not call
-    simulated, unless that file is theirs. Connects to nothing. Raises TrialError with one line."""
+    simulated, unless that file is theirs.
+
+    Connects to nothing. Raises TrialError with one line.
+    """
     real = _real(addresses)
     if not real and description.simulated:
         return
@@ -115,7 +118,10 @@ def box_states(description: CellDescription) -> dict[str, DeskState]:
 def check_boxes(description: CellDescription, cell_file: Path | None, led: bool) -> None:
     """Compare each box whose serial number the cell's file has with that file: is it that one (exchanged boxes have
     each other's arm behind them), and does it let FCI in? led: a changed firmware is not looked at, since the arms are
-    about to be held for the record. Raises TrialError with one line, HardwareError as `box_states`."""
+    about to be held for the record.
+
+    Raises TrialError with one line, HardwareError as `box_states`.
+    """
     mountings, states = description.mountings, box_states(description)
     held = known_firmware(signatures(cell_file)) if cell_file is not None and not led else {}
     for side, state in states.items():

@@ -17,8 +17,10 @@ from rtstack.trials.errors import TrialError
 
 
 def plant_difference(cell_file: Path | None, object_name: str) -> str:
-    """Return in one line where the simulated object is not what the cell's file describes, or "". Raises TrialError for
-    a bad key of the plant's."""
+    """Return in one line where the simulated object is not what the cell's file describes, or "".
+
+    Raises TrialError for a bad key of the plant's.
+    """
     from sim_robot.lab_objects import difference, with_lab_objects
     from sim_robot.scene import load_scene
 

@@ -30,10 +30,12 @@ class Simulator:
         faults: Path | None = None, cell_file: Path | None = None, profile: str = "ideal",
         frames: TrackerFrames | None = None, more: Sequence[str] = (), sides: Sequence[str] = SIDES,
     ) -> None:  # fmt: skip
-        """Start it, and wait until it serves. object_name: empty for none; faults: a script of them; cell_file: of a
-        lab, with objects of its own; profile: see sim_robot.profile; frames: of its tracker; more: options of `rtstack
-        sim`, as they are written there. sides: the arms that there are; `left`, `right`: their addresses or None.
-        Raises HardwareError with what it says."""
+        """Start it, and wait until it serves.
+
+        object_name: empty for none; faults: a script of them; cell_file: of a lab, with objects of its own; profile:
+        see sim_robot.profile; frames: of its tracker; more: options of `rtstack sim`, as they are written there. sides:
+        the arms that there are; `left`, `right`: their addresses or None. Raises HardwareError with what it says.
+        """
         shift = Displacement.of(displacement)
         self.tracker = TrackerLink(frames=frames)
         self.report = ""

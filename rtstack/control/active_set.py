@@ -20,8 +20,10 @@ OPTIMALITY_TOLERANCE = 1e-4  # rad/s^2 and Nm: a hundredth of what the joints ca
 @compiled
 def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
     """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity (relative to the
-    multiplier's scale), stationarity (to the gradient's). multipliers (14,): of the bounds, then of the torque rows;
-    positive at an upper limit, negative at a lower one."""
+    multiplier's scale), stationarity (to the gradient's).
+
+    multipliers (14,): of the bounds, then of the torque rows; positive at an upper limit, negative at a lower one.
+    """
     worst = 0.0
     scale = 1.0
     for i in range(7):

@@ -11,9 +11,11 @@ from rtstack.control.parameters import CompletionParameters
 @compiled
 def contact_now(t_s, force, rotation, velocity, other_velocity, since, force_n, speed_m_s, hold_s):
     """Return whether this pad has been in lasting contact for `hold_s`; since (1,): from when on, negative if not yet.
+
     force (3,) N acts ON the end effector; rotation (3, 3) of T_world_ee, its third column the pad's outward normal;
     velocity (3,) m/s of this pad and of the other one. The speed that counts is the pad's along its normal against the
-    middle between both pads: an object that was displaced goes on moving with both of them, and is held."""
+    middle between both pads: an object that was displaced goes on moving with both of them, and is held.
+    """
     press = 0.0
     closing = 0.0
     for i in range(3):

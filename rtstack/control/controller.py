@@ -67,9 +67,11 @@ class ArmLaw(Protocol):
 
 
 class Controller(Protocol):
-    """The controller of a cell's arms, left before right, in the order in which a session asks it each tick. `side` is
-    an arm's place among `arms`. Arms that share a clock are all observed, then decided on, then commanded; with two
-    clocks each arm has its turn."""
+    """The controller of a cell's arms, left before right, in the order in which a session asks it each tick.
+
+    `side` is an arm's place among `arms`. Arms that share a clock are all observed, then decided on, then commanded;
+    with two clocks each arm has its turn.
+    """
 
     @property
     def arms(self) -> Sequence[ObservedArm]: ...

@@ -52,9 +52,11 @@ def solve_lower_transposed(L, n, x):
 
 @compiled
 def symmetric_eigen(A, V, turns):
-    """Jacobi's method (Golub and Van Loan, 8.5): A (6, 6), symmetric, becomes diagonal, V its eigenvectors in rows. A
-    sweep takes the pairs in a tournament's order, three disjoint ones a round, whose rotations need not wait for each
-    other. turns (3, 2): working memory, their cosines and sines."""
+    """Jacobi's method (Golub and Van Loan, 8.5): A (6, 6), symmetric, becomes diagonal, V its eigenvectors in rows.
+
+    A sweep takes the pairs in a tournament's order, three disjoint ones a round, whose rotations need not wait for each
+    other. turns (3, 2): working memory, their cosines and sines.
+    """
     for i in range(6):
         for j in range(6):
             V[i, j] = 1.0 if i == j else 0.0

@@ -19,8 +19,10 @@ FORCE, VELOCITY = 0, 3  # columns of the history
 
 @compiled
 def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, tare_from, tare_to):
-    """Push f and v into the history of one arm and return whether 1)-3) hold now, with f counted from the tare. force
-    (3,) N is the force that acts ON the end effector, velocity (3,) m/s; memory: DetectorMemory."""
+    """Push f and v into the history of one arm and return whether 1)-3) hold now, with f counted from the tare.
+
+    force (3,) N is the force that acts ON the end effector, velocity (3,) m/s; memory: DetectorMemory.
+    """
     history, total, tare = memory.history, memory.total, memory.tare
     window = history.shape[0]
     k = memory.head[0]

@@ -97,9 +97,11 @@ def note_setpoints(setpoints, controls):
 
 @compiled
 def desired_wrench(work, setpoint, control):
-    """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7). With
-    acceleration tasks, (15), (16), (23), (25) of the impact-map paper: feedforward + Lambda (weight 2 sqrt(k) (v_d - v)
-    + k (pose error)), so that feedback accelerates each axis by itself."""
+    """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7).
+
+    With acceleration tasks, (15), (16), (23), (25) of the impact-map paper: feedforward + Lambda (weight 2 sqrt(k) (v_d
+    - v) + k (pose error)), so that feedback accelerates each axis by itself.
+    """
     relative = work.relative
     local = work.three
     error = work.six

@@ -12,9 +12,11 @@ from rtstack.samples import QpStatus
 
 @compiled
 def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
-    """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2). The
-    classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, dv0 and alpha of the body's point at the world's
-    origin."""
+    """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2).
+
+    The classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, dv0 and alpha of the body's point at the
+    world's origin.
+    """
     for i in range(3):
         work.position[i] = p7[i] + R7[i, 0] * face[0] + R7[i, 1] * face[1] + R7[i, 2] * face[2]
         for j in range(3):
@@ -52,10 +54,12 @@ def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
 
 @compiled
 def acceleration_bounds(q, dq, push, limits, lower, upper):
-    """Write the bounds of ddq, (7,), rad/s^2. limits: a record of CONTROL_LIMITS (rtstack.safety.limits). (13) is the
-    position-dependent velocity limit of the arm, which falls to zero before the position limit: it keeps (12) too, by
-    braking. push (7,): rad/s^2, what external torques accelerate the joints with; where it drives a joint towards a
-    line as much more is braked, up to `push_max` and to what the other line allows."""
+    """Write the bounds of ddq, (7,), rad/s^2. limits: a record of CONTROL_LIMITS (rtstack.safety.limits).
+
+    (13) is the position-dependent velocity limit of the arm, which falls to zero before the position limit: it keeps
+    (12) too, by braking. push (7,): rad/s^2, what external torques accelerate the joints with; where it drives a joint
+    towards a line as much more is braked, up to `push_max` and to what the other line allows.
+    """
     for i in range(7):
         most = limits.push_max[i]
         high = _largest(limits.q_upper[i] - q[i], dq[i], limits, i)
@@ -107,8 +111,10 @@ UNCONSTRAINED = int(QpStatus.UNCONSTRAINED)
 
 @compiled
 def observe(samples, workspaces, controls, model, parameters, memory):
-    """Take the state in samples[0] and the model at it; return whether this arm was hit in this tick. model:
-    ModelArrays; parameters (1,) of OBSERVER_PARAMETERS; memory: DetectorMemory."""
+    """Take the state in samples[0] and the model at it; return whether this arm was hit in this tick.
+
+    model: ModelArrays; parameters (1,) of OBSERVER_PARAMETERS; memory: DetectorMemory.
+    """
     sample = samples[0]
     work = workspaces[0]
     control = controls[0]
@@ -162,7 +168,9 @@ def remember_torque(applied, previous):
 @compiled
 def external_acceleration(work, control):
     """Write to work.seven, rad/s^2, what the environment's torque accelerates the joints with: -M^-1 momentum_residual.
-    work.factor: of M, as `task_inertia` has left it."""
+
+    work.factor: of M, as `task_inertia` has left it.
+    """
     for i in range(7):
         work.seven[i] = -control.momentum_residual[i]
     solve_lower(work.factor, 7, work.seven)

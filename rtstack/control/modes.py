@@ -13,7 +13,9 @@ from rtstack.samples import Mode
 
 class Strategy(IntEnum):
     """How the controller goes through an impact: the proposed one, a baseline, or our extension of the proposed one.
-    CONTACT_COMPLETION is the paper's future work (part VI): the interim mode waits for full contact."""
+
+    CONTACT_COMPLETION is the paper's future work (part VI): the interim mode waits for full contact.
+    """
 
     PROPOSED = 0
     NO_REFERENCE_SPREADING = 1
@@ -32,9 +34,11 @@ _NO_VELOCITY_FEEDBACK, _NO_INTERIM = Strategy.NO_VELOCITY_FEEDBACK, Strategy.NO_
 
 @dataclass(slots=True)
 class ModeMachine:
-    """Mode of the trial, shared by both arms. Times in s since the start of the reference. `update` moves through the
-    paper's modes, `react` out of them; `begin` and `stop` are the only other ways to change `mode`. Once stopping,
-    nothing but `rest` (when the arms are at rest) changes it: a new trial needs a new machine."""
+    """Mode of the trial, shared by both arms. Times in s since the start of the reference.
+
+    `update` moves through the paper's modes, `react` out of them; `begin` and `stop` are the only other ways to change
+    `mode`. Once stopping, nothing but `rest` (when the arms are at rest) changes it: a new trial needs a new machine.
+    """
 
     strategy: Strategy
     parameters: ControlParameters

@@ -48,9 +48,12 @@ class ControlParameters:
 
 @dataclass(frozen=True, slots=True)
 class DetectorParameters:
-    """Appendix B, with the values of the experiments. tare_n, largest_tare_n: ours; a mean force between them is an
-    offset of the estimate, N. Below it the law is the paper's: of the 5 N that are an impact it leaves 4, of the 4 N
-    that are none 3. What is beyond is contact, and no offset. tare_n = inf: the paper's law, whatever the offset."""
+    """Appendix B, with the values of the experiments.
+
+    tare_n, largest_tare_n: ours; a mean force between them is an offset of the estimate, N. Below it the law is the
+    paper's: of the 5 N that are an impact it leaves 4, of the 4 N that are none 3. What is beyond is contact, and no
+    offset. tare_n = inf: the paper's law, whatever the offset.
+    """
 
     force_low_n: float = 4.0
     force_high_n: float = 5.0

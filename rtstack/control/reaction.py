@@ -18,8 +18,11 @@ LIFTED_S = 0.5
 
 
 class ReactionMotion:
-    """The setpoints of a trial's reaction, both arms. approach (2, 3): m/s, of the pads where they meet the object;
-    start (2, 3): m, where the reference begins: a retreat goes no further back than the arm has come."""
+    """The setpoints of a trial's reaction, both arms.
+
+    approach (2, 3): m/s, of the pads where they meet the object; start (2, 3): m, where the reference begins: a retreat
+    goes no further back than the arm has come.
+    """
 
     def __init__(self, reaction: Reaction, approach: NDArray[np.float64], start: NDArray[np.float64]) -> None:
         self.reaction = reaction

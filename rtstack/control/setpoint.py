@@ -21,8 +21,10 @@ def copy_point(point, setpoint):
 
 @compiled
 def blend_points(ante, post, gamma, setpoint, work):
-    """Interim mode: ante-impact references at gamma = 0, post-impact ones at gamma = 1, (27), (28), (31). The velocity
-    reference is the post-impact one: with the weight gamma, gamma (v_p - v) is what (27) asks for."""
+    """Interim mode: ante-impact references at gamma = 0, post-impact ones at gamma = 1, (27), (28), (31).
+
+    The velocity reference is the post-impact one: with the weight gamma, gamma (v_p - v) is what (27) asks for.
+    """
     for i in range(3):
         setpoint.position[i] = (1.0 - gamma) * ante.position[i] + gamma * post.position[i]
     transpose_multiply(ante.rotation, post.rotation, work.relative)
@@ -39,8 +41,10 @@ def blend_points(ante, post, gamma, setpoint, work):
 
 @compiled
 def choose(setpoints, work, samples, controls, ante, post, index, blend, mode, gamma, velocity_weight):
-    """Write setpoints[0] from the points ante[index] and post[index]; blend: 0 ante, 1 interim, 2 post. What was chosen
-    in which mode goes to controls[0], with the time of samples[0]."""
+    """Write setpoints[0] from the points ante[index] and post[index]; blend: 0 ante, 1 interim, 2 post.
+
+    What was chosen in which mode goes to controls[0], with the time of samples[0].
+    """
     setpoint = setpoints[0]
     controls[0].t_ns = samples[0].t_ns
     controls[0].mode = mode

@@ -145,7 +145,9 @@ class ArmController:
 
     def in_contact(self, t_s: float, other: "ArmController | None") -> bool:
         """Whether this arm's pad, as last observed, is in lasting contact. Evaluated in each tick that waits for it.
-        other: whose pad presses on the same object; None: the pad presses on something that stands still."""
+
+        other: whose pad presses on the same object; None: the pad presses on something that stands still.
+        """
         against = self._mirrored if other is None else other.velocity
         if other is None:  # the whole speed counts, as that of two pads that meet in the middle
             np.negative(self.velocity, out=against)

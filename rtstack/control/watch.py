@@ -129,9 +129,11 @@ class TrialMonitor:
 
 @compiled
 def watch(pairs, states, side, parameters, times, expected, samples, workspaces, controls, t_ns):
-    """Let the pair's monitor see one arm's tick; write verdict, reason and margin into its control record. pairs to
-    parameters: see pair_step. times (1,) of TIMES, expected (n,) of expected_dtype; samples, workspaces and controls
-    (1,): of this arm."""
+    """Let the pair's monitor see one arm's tick; write verdict, reason and margin into its control record.
+
+    pairs to parameters: see pair_step. times (1,) of TIMES, expected (n,) of expected_dtype; samples, workspaces and
+    controls (1,): of this arm.
+    """
     work, control = workspaces[0], controls[0]
     now = expected[min(t_ns // times[0].period_ns, expected.shape[0] - 1)]
     pair = pairs[0]

@@ -151,8 +151,10 @@ def quaternions_of(axes: Sequence[str]) -> list[int]:
 
 def continuous(quaternions: NDArray[np.float64], begins: bool = True) -> NDArray[np.float64]:
     """Return quaternions wxyz (n, 4) without changes of sign, each q or -q; rows of zeros or NaN are passed over.
+
     begins: the first component of the first one that is not small becomes positive, so that episodes of one pose begin
-    alike, also where w is nearly 0."""
+    alike, also where w is nearly 0.
+    """
     found = quaternions.copy()
     known = np.isfinite(found).all(axis=1) & found.any(axis=1)
     rows = found[known]

@@ -119,8 +119,11 @@ def span_of(episode: Episode) -> tuple[int, int]:
 
 
 def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Feature]:
-    """Return what the frames of an episode have, by name: (n, ...) each. The samples of a tick are those of its time,
-    or the newest before it where the log has none of that time. ticks: these samples too."""
+    """Return what the frames of an episode have, by name: (n, ...) each.
+
+    The samples of a tick are those of its time, or the newest before it where the log has none of that time. ticks:
+    these samples too.
+    """
     step = TICKS // fps
     first_ns, last_ns = span_of(episode)
     frames = ((last_ns - first_ns) // TICK_NS + 1) // step

@@ -17,9 +17,12 @@ from rtstack.topics import TICK_TOPICS
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A log that may become an episode. row and recorded (UTC): of the list of logs. why: why it is left out, or empty;
-    wrong: the file is the reason, and not what was asked for. digest and shape: of its content, and which topics and
-    cameras its frames have; empty where it is left out."""
+    """A log that may become an episode.
+
+    row and recorded (UTC): of the list of logs. why: why it is left out, or empty; wrong: the file is the reason, and
+    not what was asked for. digest and shape: of its content, and which topics and cameras its frames have; empty where
+    it is left out.
+    """
 
     path: Path
     row: LogRow | None = None

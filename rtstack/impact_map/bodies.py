@@ -24,8 +24,11 @@ _LOWER, _DIAGONAL = np.tril_indices(7, -1), np.diag_indices(7)
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A moving body at the instant of the impact. M (nv, nv), velocity (nv,), origin (6, nv): see the module. place
-    (3,) m: where its twist is told, a pad's face or a box's centre. robot: of an arm."""
+    """A moving body at the instant of the impact.
+
+    M (nv, nv), velocity (nv,), origin (6, nv): see the module. place (3,) m: where its twist is told, a pad's face or a
+    box's centre. robot: of an arm.
+    """
 
     M: Array
     velocity: Array

@@ -28,8 +28,11 @@ class ContactState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LawResiduals:
-    """The largest violation of each line of the law, 0 where it holds. penetration: -v_N, m/s. cone: -lambda_N or
-    |lambda_T| - mu lambda_N, N s. complementarity: lambda_N v_N, J. sliding: |lambda_T |v_T| + mu lambda_N v_T|, J."""
+    """The largest violation of each line of the law, 0 where it holds.
+
+    penetration: -v_N, m/s. cone: -lambda_N or |lambda_T| - mu lambda_N, N s. complementarity: lambda_N v_N, J. sliding:
+    |lambda_T |v_T| + mu lambda_N v_T|, J.
+    """
 
     penetration_m_s: float
     cone_ns: float

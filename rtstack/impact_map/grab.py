@@ -28,9 +28,12 @@ PLACED = 1e-10  # m, rad
 
 @dataclass(frozen=True, slots=True)
 class GrabImpact:
-    """A grab's nominal impact. Arrays of both arms, (left, right). q (2, 7) rad; dq_before, dq_after (2, 7) rad/s;
-    twist (2, 6): of the pads' faces after the impact, along the world's axes, linear first; dxi (2,) rad/s: velocity of
-    the posture's joint after it. map: everything else, its status first."""
+    """A grab's nominal impact. Arrays of both arms, (left, right).
+
+    q (2, 7) rad; dq_before, dq_after (2, 7) rad/s; twist (2, 6): of the pads' faces after the impact, along the world's
+    axes, linear first; dxi (2,) rad/s: velocity of the posture's joint after it. map: everything else, its status
+    first.
+    """
 
     q: Array
     dq_before: Array
@@ -46,9 +49,11 @@ def grab_impact(
     kind: MapKind = MapKind.CONVERGED,
 ) -> GrabImpact:  # fmt: skip
     """Return the nominal impact of a grab whose ante-impact reference ends in `ante`, (2,) of POINT (left, right).
+
     object_xy: where the object stands on the table, m; kind: of the map whose velocities are returned. Raises
     SceneError where an arm cannot be in that pose, or its pad does not touch the object there, KeyError for an object
-    that is not there."""
+    that is not there.
+    """
     mountings = description.arms
     q, dq = np.empty((2, 7)), np.empty((2, 7))
     for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True)):
@@ -86,7 +91,9 @@ def grab_scene(
 
 def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array, Array]:
     """Return q (7,) rad and dq (7,) rad/s of an arm in the pose and with the velocities of `point`, () of POINT.
-    Newton's method from the arm's home; raises SceneError where it does not come there."""
+
+    Newton's method from the arm's home; raises SceneError where it does not come there.
+    """
     q, dq, _ = joint_state_near(ArmModel(mounting, pad), np.array(mounting.home), point)
     return q, dq
 

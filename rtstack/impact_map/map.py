@@ -65,8 +65,10 @@ def single_step(problem: Problem, second_opinion: bool = True) -> Impact:
 
 
 def pressed(problem: Problem, pressing_ns: Array | Sequence[float], second_opinion: bool = True) -> Impact:
-    """Return the single step while each contact's bodies are pressed together with an impulse, (contacts,) N s. The
-    impulses that are told include the reaction to it; it does not move the bodies' common momentum."""
+    """Return the single step while each contact's bodies are pressed together with an impulse, (contacts,) N s.
+
+    The impulses that are told include the reaction to it; it does not move the bodies' common momentum.
+    """
     pressing = np.asarray(pressing_ns, dtype=float)
     load = np.zeros((len(problem.friction), 3))
     for rows, impulse in zip(problem.points, pressing, strict=True):

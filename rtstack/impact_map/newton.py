@@ -20,8 +20,10 @@ PRECISE = 1e-14  # of the equations, SI: further steps would only stir the last 
 
 def refined(G: Array, b: Array, friction: Array, start: Array) -> tuple[Array, float]:
     """Return impulses (n, 3) N s near `start` that obey the law as well as the arithmetic allows: the best iterate,
-    `start` included; and the largest error of the equations, m/s or N s, infinite for no number. G (3n, 3n) 1/kg
-    Delassus matrix, b (3n,) m/s contact velocities before the impact, friction (n,)."""
+    `start` included; and the largest error of the equations, m/s or N s, infinite for no number.
+
+    G (3n, 3n) 1/kg Delassus matrix, b (3n,) m/s contact velocities before the impact, friction (n,).
+    """
     try:
         best, error = _iterate(G, b, friction, np.ascontiguousarray(start).ravel())
     except np.linalg.LinAlgError:

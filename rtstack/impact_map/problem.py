@@ -21,10 +21,12 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The impact of a scene with n contact points and nv velocities. names, bodies, slices: the moving bodies and where
-    their velocities are. contacts, patches, points: the scene's contacts, where they touch, and which of the n points
-    are theirs. M (nv, nv) mass matrix, whitening (nv, nv) = L^-1, velocity (nv,) before the impact. A (nv, 3n)
-    1/sqrt(kg), w (nv,) sqrt(J), s (3n,) m/s, friction (n,)."""
+    """The impact of a scene with n contact points and nv velocities.
+
+    names, bodies, slices: the moving bodies and where their velocities are. contacts, patches, points: the scene's
+    contacts, where they touch, and which of the n points are theirs. M (nv, nv) mass matrix, whitening (nv, nv) = L^-1,
+    velocity (nv,) before the impact. A (nv, 3n) 1/sqrt(kg), w (nv,) sqrt(J), s (3n,) m/s, friction (n,).
+    """
 
     names: tuple[str, ...]
     bodies: tuple[Body, ...]

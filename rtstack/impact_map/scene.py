@@ -21,8 +21,10 @@ from hal.robots import DEFAULT, FR3, RobotModel
 
 
 class ReflectedInertia(StrEnum):
-    """Which inertia of the motors, as it is felt at the joints, (10) adds to the links' mass matrix. B_theta: reduced
-    by the low-level torque loop, the paper's choice; B: of the bare motors; none: links only."""
+    """Which inertia of the motors, as it is felt at the joints, (10) adds to the links' mass matrix.
+
+    B_theta: reduced by the low-level torque loop, the paper's choice; B: of the bare motors; none: links only.
+    """
 
     B_THETA = "B_theta"
     B = "B"
@@ -61,7 +63,9 @@ class Arm:
 @checked(frozen=True, slots=True, config=STRICT)
 class Box:
     """A free box: its centre, which is its centre of mass, m; velocity of the centre before the impact m/s, rad/s.
-    inertia: principal moments along the box's axes, kg m^2; by default those of a solid box."""
+
+    inertia: principal moments along the box's axes, kg m^2; by default those of a solid box.
+    """
 
     mass: Positive
     size: tuple[Positive, Positive, Positive]
@@ -84,10 +88,13 @@ class Plane:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Contact:
-    """A patch between two bodies: the first is an arm or a box, the second a box or a support. Without points, the
-    contact is where the first body's face (an arm's pad) and the second's overlap, at the corners of that area. points:
-    corner points, m, and normal, from the second body to the first, for other shapes. maintained: whether the patch is
-    pressed together, and closed when the sequence of impacts has ended; by default where an arm is the first body."""
+    """A patch between two bodies: the first is an arm or a box, the second a box or a support.
+
+    Without points, the contact is where the first body's face (an arm's pad) and the second's overlap, at the corners
+    of that area. points: corner points, m, and normal, from the second body to the first, for other shapes. maintained:
+    whether the patch is pressed together, and closed when the sequence of impacts has ended; by default where an arm is
+    the first body.
+    """
 
     between: tuple[str, str]
     friction: NotNegative

@@ -43,9 +43,11 @@ class Solution:
 
 
 def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
-    """Solve Coulomb's law (rtstack.impact_map.coulomb) for lambda, where v = G lambda + b. Never raises for numbers. G
-    (3n, 3n) 1/kg, symmetric, positive semidefinite; b (3n,) m/s; friction (n,). `solve_ncp` is on: the law itself. The
-    solver's answer is made exact by Newton's method; an answer that stays inexact is returned as not solved."""
+    """Solve Coulomb's law (rtstack.impact_map.coulomb) for lambda, where v = G lambda + b. Never raises for numbers.
+
+    G (3n, 3n) 1/kg, symmetric, positive semidefinite; b (3n,) m/s; friction (n,). `solve_ncp` is on: the law itself.
+    The solver's answer is made exact by Newton's method; an answer that stays inexact is returned as not solved.
+    """
     if len(friction) == 0 or np.all(b[2::3] >= 0.0):  # nothing approaches
         none = np.zeros((len(friction), 3))
         return Solution(none, none, True, 0)

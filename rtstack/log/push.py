@@ -55,8 +55,11 @@ def copy_bytes(_typing: Any, _target: Any, _source: Any, _size: Any) -> Any:
 
 @compiled("void(int64, int64, int64, int64, int64)", nogil=True)
 def push(head: int, slots: int, stride: int, mask: int, record: int) -> None:
-    """Copy the record at address `record` into the ring whose head and slots are at these addresses. stride: bytes a
-    slot (8 of them the sequence word); mask: capacity - 1. Wait-free, never raises, also called by compiled code."""
+    """Copy the record at address `record` into the ring whose head and slots are at these addresses.
+
+    stride: bytes a slot (8 of them the sequence word); mask: capacity - 1. Wait-free, never raises, also called by
+    compiled code.
+    """
     number = _load(head)  # pyright: ignore[reportCallIssue] (numba passes the typing context itself)
     slot = slots + (number & mask) * stride
     _store_release(slot, 2 * number + 1)

@@ -63,15 +63,20 @@ class Pusher:
         self._row = head.ctypes.data, slots.ctypes.data, slots.dtype.itemsize, len(slots) - 1, 0
 
     def push(self, record: NDArray[Any]) -> None:
-        """Publish a copy of `record`, (1,), of the topic's dtype. Never waits or allocates. The first push of an array
-        looks up its address and checks it (TypeError): push the same array always."""
+        """Publish a copy of `record`, (1,), of the topic's dtype.
+
+        Never waits or allocates. The first push of an array looks up its address and checks it (TypeError): push the
+        same array always.
+        """
         if record is not self._record:
             self.bind(record)
         self._push(*self._row)
 
     def bind(self, record: NDArray[Any]) -> tuple[int, int, int, int, int]:
-        """Look up where `record` is; return a row for `rtstack.log.push.push_all`. The row holds addresses: keep the
-        pusher and the record as long as it is used."""
+        """Look up where `record` is; return a row for `rtstack.log.push.push_all`.
+
+        The row holds addresses: keep the pusher and the record as long as it is used.
+        """
         if record.dtype != self._dtype or record.shape != (1,):
             raise TypeError(f"a record of shape (1,) and dtype {self._dtype} is needed, not {record.dtype}")
         self._record, self._row = record, (*self._row[:4], record.ctypes.data)
@@ -139,8 +144,10 @@ class Rings(AbstractContextManager["Rings", None]):
 
     @classmethod
     def create(cls, capacity: int = CAPACITY, capacities: Mapping[str, int] | None = None) -> "Rings":
-        """Create the block: `capacity` records a topic; `capacities` overrides single topics. Raises ValueError for a
-        capacity that is no power of two, LogError where shared memory is exhausted."""
+        """Create the block: `capacity` records a topic; `capacities` overrides single topics.
+
+        Raises ValueError for a capacity that is no power of two, LogError where shared memory is exhausted.
+        """
         sizes = {topic: (capacities or {}).get(topic, capacity) for topic in TOPICS}
         for topic, records in sizes.items():
             if records < 2 or records & (records - 1):
@@ -191,7 +198,10 @@ class Rings(AbstractContextManager["Rings", None]):
 
     def room(self) -> int:
         """Return how many records every ring takes before the log loses one: a run that is faster than real time waits
-        for it, outside of the tick. Without a log process to wait for (it failed or finished) there is always room."""
+        for it, outside of the tick.
+
+        Without a log process to wait for (it failed or finished) there is always room.
+        """
         if self._control["state"][0] >= LogState.FAILED:
             return self.capacity
         return max(0, int((self._consumed - self._heads + self._capacities).min()))

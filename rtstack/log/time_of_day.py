@@ -33,10 +33,12 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 @dataclass(frozen=True, slots=True)
 class TimeOfDay:
-    """Unix time of a log's times, a straight line through (t_ns, at_ns), both ns. rate: Unix time over the robot's.
-    uncertainty_s: of the line at t_ns, without the host's own error. simulated: the robot's time is, and only the run's
-    begin and end are known. Of the host's clock, None if unknown: synchronised; error_s, at most, as NTP estimates it;
-    set_s: by how much it was set during the run."""
+    """Unix time of a log's times, a straight line through (t_ns, at_ns), both ns.
+
+    rate: Unix time over the robot's. uncertainty_s: of the line at t_ns, without the host's own error. simulated: the
+    robot's time is, and only the run's begin and end are known. Of the host's clock, None if unknown: synchronised;
+    error_s, at most, as NTP estimates it; set_s: by how much it was set during the run.
+    """
 
     t_ns: int
     at_ns: int
@@ -101,8 +103,10 @@ def begun(times: NDArray[np.void], simulated: bool) -> NDArray[np.void]:
 
 
 def take_pair(times: NDArray[np.void], t_ns: int, compute_us: float) -> None:
-    """Pair the newest state's time with the host's clock, between two ticks. compute_us: since that state was read. It
-    is at least that old, and at most so much more that the next one has not come. Never waits."""
+    """Pair the newest state's time with the host's clock, between two ticks. compute_us: since that state was read.
+
+    It is at least that old, and at most so much more that the next one has not come. Never waits.
+    """
     before_ns, unix_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
     half_ns = round(500.0 * compute_us) + (0 if times["simulated"][0] else _AGE_NS // 2)
     k = 1 if times["unix_ns"][0, 0] else 0

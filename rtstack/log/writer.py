@@ -52,8 +52,10 @@ def check_log_path(path: Path, overwrite: bool = False) -> None:
 
 
 class LogProcess:
-    """A running log process, made by `start`, ended by `close`. files: the open log, what the process reads its job
-    from, and where it writes errors; asked: that job."""
+    """A running log process, made by `start`, ended by `close`.
+
+    files: the open log, what the process reads its job from, and where it writes errors; asked: that job.
+    """
 
     def __init__(
         self, path: Path, rings: Rings, process: subprocess.Popen, files: tuple[BinaryIO, BinaryIO, BinaryIO],
@@ -137,9 +139,11 @@ class LogProcess:
     def close(
         self, result: Mapping[str, Any] | None = None, evidence: Evidence | None = None, timeout_s: float = 60.0
     ) -> LogSummary:
-        """Write `result` as metadata and the evidence of a fault, finish the file and wait until the disk has it. What
-        a process that died has not written is written here, as far as the rings still hold it. Raises LogError if the
-        file is not complete, or not at its path any more."""
+        """Write `result` as metadata and the evidence of a fault, finish the file and wait until the disk has it.
+
+        What a process that died has not written is written here, as far as the rings still hold it. Raises LogError if
+        the file is not complete, or not at its path any more.
+        """
         written = texts(result or {})
         try:
             if result or evidence:

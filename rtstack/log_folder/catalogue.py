@@ -29,9 +29,11 @@ class LogCondition(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One file of the directory. `id` is opaque and stays the same while the file grows. trial and result: these
-    metadata records as the log has them. recorded: the time of day with which its record `time` begins, ISO 8601,
-    UTC."""
+    """One file of the directory. `id` is opaque and stays the same while the file grows.
+
+    trial and result: these metadata records as the log has them. recorded: the time of day with which its record `time`
+    begins, ISO 8601, UTC.
+    """
 
     id: str
     path: Path
@@ -53,8 +55,10 @@ class Catalogue:
         self._patience_s = patience_s
 
     def entries(self) -> tuple[LogEntry, ...]:
-        """Return all logs, the newest first, after reading those that are new or have changed. Raises LogError where
-        the directory cannot be read."""
+        """Return all logs, the newest first, after reading those that are new or have changed.
+
+        Raises LogError where the directory cannot be read.
+        """
         try:
             files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and self._is_ours(path)]
         except OSError as error:

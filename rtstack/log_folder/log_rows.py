@@ -30,9 +30,11 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LogRow:
-    """One log. `ending` in a word, `outcome` in one line; `when` is Unix time of the last change, s. recording: a trial
-    may follow it; title and decision: a person's, for a recording. starred, tags, note and episode_verdict: a person's,
-    for any log. law_inertia: the mass matrix of the controller's law."""
+    """One log. `ending` in a word, `outcome` in one line; `when` is Unix time of the last change, s.
+
+    recording: a trial may follow it; title and decision: a person's, for a recording. starred, tags, note and
+    episode_verdict: a person's, for any log. law_inertia: the mass matrix of the controller's law.
+    """
 
     id: str
     name: str

@@ -40,8 +40,10 @@ def plan_pruning(
 
 
 def prune(pruning: Pruning) -> Iterator[LogEntry]:
-    """Remove what goes, with what stands beside it; yield each log that is gone. A log that has changed since, or whose
-    mark was taken back, stays. Raises LogError."""
+    """Remove what goes, with what stands beside it; yield each log that is gone.
+
+    A log that has changed since, or whose mark was taken back, stays. Raises LogError.
+    """
     for entry in pruning.going:
         try:
             status = entry.path.stat()

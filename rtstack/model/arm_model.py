@@ -60,10 +60,12 @@ class ModelArrays(NamedTuple):
 
 @compiled
 def mass_and_gravity(J0, momenta, acceleration, M, g):
-    """Write M (7, 7), symmetric, and g (7,) of a chain: M_ij = J_i^T h_j for i <= j, g_j = -a^T h_j. momenta (6, 7):
-    h_j = Y_j J_j, the momentum, about the world's origin, of all links from joint j on where j alone moves, at 1 rad/s;
-    Y_j is their inertia: the composite rigid bodies of Featherstone, RBDA, 6.2. acceleration (3,): a, of gravity,
-    m/s^2."""
+    """Write M (7, 7), symmetric, and g (7,) of a chain: M_ij = J_i^T h_j for i <= j, g_j = -a^T h_j.
+
+    momenta (6, 7): h_j = Y_j J_j, the momentum, about the world's origin, of all links from joint j on where j alone
+    moves, at 1 rad/s; Y_j is their inertia: the composite rigid bodies of Featherstone, RBDA, 6.2. acceleration (3,):
+    a, of gravity, m/s^2.
+    """
     for j in range(7):
         g[j] = -(acceleration[0] * momenta[0, j] + acceleration[1] * momenta[1, j] + acceleration[2] * momenta[2, j])
         for i in range(j + 1):

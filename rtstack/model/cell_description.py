@@ -42,10 +42,12 @@ CameraName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,15}$")]
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmMounting:
-    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad. model: of
-    the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder. desk: HOST or
-    HOST:PORT of its Desk, or ""; serial: of its control box, as `rtstack desk status` says it, "" where it is not
-    compared. pad: its own, where it is not the cell's."""
+    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad.
+
+    model: of the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder. desk:
+    HOST or HOST:PORT of its Desk, or ""; serial: of its control box, as `rtstack desk status` says it, "" where it is
+    not compared. pad: its own, where it is not the cell's.
+    """
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
     base_position: Vector
@@ -176,7 +178,9 @@ class ContactFriction:
 @checked(frozen=True, slots=True, config=STRICT)
 class Gains:
     """Gains of this cell in the place of the papers' (rtstack.control.parameters), which count where there is None.
-    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2. law_inertia: the law's mass matrix."""
+
+    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2. law_inertia: the law's mass matrix.
+    """
 
     stiffness: Stiffnesses | None = None
     stiffness_teleoperation: Stiffnesses | None = None
@@ -186,9 +190,11 @@ class Gains:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Calibration:
-    """When the geometry of real arms was measured, and how long that holds (`rtstack calibrate`). rms_mm: of what was
-    left at the points; uncertainty_mm: in 95 % of such calibrations no pad was further off at them; points: how
-    many."""
+    """When the geometry of real arms was measured, and how long that holds (`rtstack calibrate`).
+
+    rms_mm: of what was left at the points; uncertainty_mm: in 95 % of such calibrations no pad was further off at them;
+    points: how many.
+    """
 
     date: datetime.date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 180
@@ -199,10 +205,13 @@ class Calibration:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CameraDescription:
-    """A camera, `[cameras.NAME]`. kind: an entry point of rtstack.cameras; address: a device or file. position, m, and
-    orientation_wxyz, in the world: it looks along its z, its x is to the picture's right. fov_y_deg: of the picture's
-    height; intrinsics (9,): K, row-major, px, in its place where it was measured, with distortion (k1, k2, p1, p2, k3).
-    stamped: the time is drawn into each picture; format: of the log; quality: of the JPEG."""
+    """A camera, `[cameras.NAME]`.
+
+    kind: an entry point of rtstack.cameras; address: a device or file. position, m, and orientation_wxyz, in the world:
+    it looks along its z, its x is to the picture's right. fov_y_deg: of the picture's height; intrinsics (9,): K,
+    row-major, px, in its place where it was measured, with distortion (k1, k2, p1, p2, k3). stamped: the time is drawn
+    into each picture; format: of the log; quality: of the JPEG.
+    """
 
     kind: str
     position: Vector

@@ -81,8 +81,11 @@ def transpose_multiply(A, B, out):
 @compiled
 def quaternion_from_rotation(R, out):
     """Write the unit quaternion wxyz of R, (4,), with the sign that is nearer to out's (Shepperd's method), so that a
-    moving frame has no jump. Where out has zeros, w is positive, except near half a turn: there noise would decide its
-    sign, and a direction off the axes decides instead."""
+    moving frame has no jump.
+
+    Where out has zeros, w is positive, except near half a turn: there noise would decide its sign, and a direction off
+    the axes decides instead.
+    """
     w, x, y, z = out[0], out[1], out[2], out[3]
     t = R[0, 0] + R[1, 1] + R[2, 2]
     k = 0

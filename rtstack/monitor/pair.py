@@ -44,17 +44,21 @@ TIMES = np.dtype(fields("i8", "period_ns decided_ns later_ns patience"))
 
 
 def expected_dtype(joints: int) -> np.dtype:
-    """Return the record of what a tick of the reference expects. dq: joint velocities (14) of both arms after the
-    impact, rad/s; net_force: of both pads on their surroundings, N; bound: how far it may be off, N, infinite where
-    nothing is known. phase: TARE, IMPACT or AFTER."""
+    """Return the record of what a tick of the reference expects.
+
+    dq: joint velocities (14) of both arms after the impact, rad/s; net_force: of both pads on their surroundings, N;
+    bound: how far it may be off, N, infinite where nothing is known. phase: TARE, IMPACT or AFTER.
+    """
     return np.dtype([("dq", "f8", (2, joints)), ("net_force", "f8", 3), ("bound", "f8", 3), ("phase", "i8")])
 
 
 @dataclass(frozen=True, slots=True)
 class NetForceParameters:
-    """How far the net force of both pads may be from the reference's, N, along the world's x, y and z. A bound every
-    step_s: the first until start_s (from the nominal impact), the last one from the end on. patience: ticks in a row
-    that it has to be exceeded."""
+    """How far the net force of both pads may be from the reference's, N, along the world's x, y and z.
+
+    A bound every step_s: the first until start_s (from the nominal impact), the last one from the end on. patience:
+    ticks in a row that it has to be exceeded.
+    """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
@@ -89,9 +93,11 @@ class NetForceParameters:
 
 @dataclass(frozen=True, slots=True)
 class PairParameters:
-    """The tuning of a grab's monitor: of Algorithm 1, for both arms, and of what concerns both together. later_s: how
-    far from the nominal time the later arm's first impact may be. A displaced object meets one arm early and, since
-    that one waits for the other, the other one nearly on time; one that is wider meets both early."""
+    """The tuning of a grab's monitor: of Algorithm 1, for both arms, and of what concerns both together.
+
+    later_s: how far from the nominal time the later arm's first impact may be. A displaced object meets one arm early
+    and, since that one waits for the other, the other one nearly on time; one that is wider meets both early.
+    """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
@@ -124,9 +130,11 @@ def pair_expect(pairs, states, t_d_ns, q_d):
 
 @compiled
 def pair_step(pairs, states, side, parameters, times, expected, sample, residual, force, t_ns):
-    """Take a tick of one arm into pairs[0] and states[side], (1,) of PAIR and (2,) of monitor_dtype. parameters,
-    residual: see monitor_step. times: a record of TIMES; expected: this tick's, of expected_dtype; sample: with the
-    measured q and dq. force (3,) N: of this pad on its surroundings. Times count from the reference's start."""
+    """Take a tick of one arm into pairs[0] and states[side], (1,) of PAIR and (2,) of monitor_dtype.
+
+    parameters, residual: see monitor_step. times: a record of TIMES; expected: this tick's, of expected_dtype; sample:
+    with the measured q and dq. force (3,) N: of this pad on its surroundings. Times count from the reference's start.
+    """
     pair = pairs[0]
     phase = expected.phase
     if phase != AFTER and pair.verdict != _EXPECTED:

@@ -12,8 +12,10 @@ from rtstack.monitor.records import LONGEST_WINDOW, parameters_dtype
 
 @dataclass(frozen=True, slots=True)
 class MonitorParameters:
-    """One tuning. residual_rate_nm_s, one a joint, is r_b of (9), which the paper does not give. Raises ValueError,
-    with the parameter's name, for one that makes no sense."""
+    """One tuning. residual_rate_nm_s, one a joint, is r_b of (9), which the paper does not give.
+
+    Raises ValueError, with the parameter's name, for one that makes no sense.
+    """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}  # where a tuning comes from a TOML file
 

@@ -45,9 +45,11 @@ def parameters_dtype(joints: int) -> np.dtype:
 
 
 def monitor_dtype(joints: int) -> np.dtype:
-    """Return the record of the state. All zero: nothing seen, nothing expected (see `monitor_expect`). instantaneous,
-    post_impact and verdict are of Verdict; the first two are known before the verdict is. margin: 1 where all is as
-    meant, 0 at the bound of the nearest condition, negative beyond it."""
+    """Return the record of the state. All zero: nothing seen, nothing expected (see `monitor_expect`).
+
+    instantaneous, post_impact and verdict are of Verdict; the first two are known before the verdict is. margin: 1
+    where all is as meant, 0 at the bound of the nearest condition, negative beyond it.
+    """
     return np.dtype(
         [
             # what is expected

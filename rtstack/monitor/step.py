@@ -45,8 +45,10 @@ def monitor_expect(states, t_d_ns, q_d):
 @compiled
 def monitor_step(states, parameters, t_ns, residual, q, dq, dq_ref):
     """Take a tick into states[0], (1,) of monitor_dtype, with the tuning parameters[0], (1,) of parameters_dtype.
+
     residual (n,) Nm of either sign; q, dq (n,) measured; dq_ref (n,) the post-impact reference (14). t_ns increases.
-    Nothing is judged before `monitor_expect`."""
+    Nothing is judged before `monitor_expect`.
+    """
     state = states[0]
     p = parameters[0]
     period_ns = t_ns - state.t_ns

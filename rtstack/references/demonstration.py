@@ -70,9 +70,11 @@ def scripted_targets(
     script: Grab, models: tuple[ArmModel, ArmModel], homes: Array, thing: ObjectDescription, table: Table,
     period_s: float,
 ) -> NDArray:  # fmt: skip
-    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad. On
-    the way the pads' faces turn parallel to the object's sides: one that meets a side at an angle of some degrees turns
-    the object, in another way in each trial."""
+    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad.
+
+    On the way the pads' faces turn parallel to the object's sides: one that meets a side at an angle of some degrees
+    turns the object, in another way in each trial.
+    """
     from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
 
     n = round(duration_s(script) / period_s)

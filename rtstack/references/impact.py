@@ -20,7 +20,9 @@ def demonstrated_impact(
     q: Array, dq: Array, force: Array, impact: int, release: int, excluded: int, period_s: float
 ) -> ExpectedImpact:
     """Return the impact of a demonstration: q, dq (2, n, 7), force (2, n, 3) ON the pads, N, along the world's axes.
-    impact, release: indices of T_r and of the release; excluded: Delta T_r in ticks, around T_r."""
+
+    impact, release: indices of T_r and of the release; excluded: Delta T_r in ticks, around T_r.
+    """
     half = round(SMOOTHING_S / period_s)
     smooth = np.stack([_smooth(values, half) for values in dq])
     post = smooth.copy()

@@ -40,8 +40,10 @@ def carried(
     stands: Displacement, wanted: Displacement, pad_friction: float, stiffness_n_m: float, period_s: float,
 ) -> NDArray:  # fmt: skip
     """Return target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad and end there.
+
     stands, wanted: of the object, from its nominal place. stiffness_n_m: of a pad, towards the object. Raises
-    ValueError where a joint would come nearer than ROOM_RAD to its limit."""
+    ValueError where a joint would come nearer than ROOM_RAD to its limit.
+    """
     from scipy.spatial.transform import Rotation  # half a second, which most programs need not spend
 
     poses = [end_effector_pose(model, q) for model, q in zip(models, homes, strict=True)]

@@ -26,7 +26,10 @@ def quintic_path(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array]:
 
 def quintic_motion(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array, Array]:
     """Return position, velocity and acceleration (n,) at the times t_s (n,), at rest before the first point and after
-    the last: (11)-(13) of the impact-map paper. Raises ValueError where the times of the points do not increase."""
+    the last: (11)-(13) of the impact-map paper.
+
+    Raises ValueError where the times of the points do not increase.
+    """
     position = np.full_like(t_s, points[0].position)
     velocity = np.zeros_like(t_s)
     acceleration = np.zeros_like(t_s)

@@ -102,12 +102,14 @@ class ReferenceError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The teleoperated part of a recording, one sample a tick. points (arms, n) of POINT: measured pose, twist and
-    posture, wanted wrench and posture acceleration; impact, release: indices of the nominal impact T_r and the release.
-    load (arms, 6) N, Nm: step of each arm's feedforward at T_r (a plan). detected: index of the impact that was found;
-    problem: why no reference can be made of it; measured (arms, n) of MEASURED: also as planned. begin_s: cut off
-    before the first sample; whole (arms, m) of POINT: without cutting, for `patient`. hits: index of each pad's impact.
-    None: not known, or not found."""
+    """The teleoperated part of a recording, one sample a tick.
+
+    points (arms, n) of POINT: measured pose, twist and posture, wanted wrench and posture acceleration; impact,
+    release: indices of the nominal impact T_r and the release. load (arms, 6) N, Nm: step of each arm's feedforward at
+    T_r (a plan). detected: index of the impact that was found; problem: why no reference can be made of it; measured
+    (arms, n) of MEASURED: also as planned. begin_s: cut off before the first sample; whole (arms, m) of POINT: without
+    cutting, for `patient`. hits: index of each pad's impact. None: not known, or not found.
+    """
 
     points: NDArray
     period_s: float
@@ -129,8 +131,10 @@ class Recording:
         return self.impact * self.period_s
 
     def expected_impact(self, excluded: int) -> ExpectedImpact | None:
-        """Return what the monitor is to expect, None for a push: it judges what both arms do to one object. excluded:
-        ticks after T_r in which velocities are no reference."""
+        """Return what the monitor is to expect, None for a push: it judges what both arms do to one object.
+
+        excluded: ticks after T_r in which velocities are no reference.
+        """
         if self.measured is None or self.motion is not Motion.GRAB:
             return None
         m = self.measured

@@ -17,8 +17,10 @@ from rtstack.references.recording import Recording, ReferenceError
 
 @dataclass(frozen=True, slots=True)
 class ExtendedReference:
-    """ante and post: (arms, n) of POINT, one point a tick from the start; nominal impact and release in s. impact: what
-    the monitor expects, None where the joints are not known, or of a push. planned: made by a planner."""
+    """ante and post: (arms, n) of POINT, one point a tick from the start; nominal impact and release in s.
+
+    impact: what the monitor expects, None where the joints are not known, or of a push. planned: made by a planner.
+    """
 
     ante: NDArray
     post: NDArray

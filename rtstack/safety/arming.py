@@ -96,8 +96,10 @@ class ArmingStateMachine:
         self.phase, self.running, self.stop_wanted = Phase.MOVING, True, False
 
     def begin_by_hand(self, operator: str, now_s: float) -> None:
-        """Begin a motion that a hand leads, in a fault too: it may lead out of its cause. Raises Refused as `begin`
-        does; in a fault unless the arms are at rest."""
+        """Begin a motion that a hand leads, in a fault too: it may lead out of its cause.
+
+        Raises Refused as `begin` does; in a fault unless the arms are at rest.
+        """
         if self.phase is not Phase.FAULT:
             self.begin(operator, now_s)
             return

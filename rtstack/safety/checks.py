@@ -39,8 +39,10 @@ def note(memory, cause, joint, value, bound):
 
 @compiled
 def take_time(sample, other, rule, memory):
-    """Count what has passed since the last state, here and for the other arm; return a reason to stop, or 0. The clock
-    counts from its first step: a robot that waits for its first command shows its first state several times."""
+    """Count what has passed since the last state, here and for the other arm; return a reason to stop, or 0.
+
+    The clock counts from its first step: a robot that waits for its first command shows its first state several times.
+    """
     changed = False
     for i in range(7):
         q, dq, tau = sample["q"][i], sample["dq"][i], sample["tau_J"][i]

@@ -43,8 +43,11 @@ def find_violation(sample, residual, other, rule, memory):
 
 @compiled
 def judge(samples, residual, memories, others, all_rules, demand):
-    """Judge samples[0].tau_desired, write samples[0].tau_applied, return (verdict, reason). demand: 0, or the reason of
-    a stop from outside (COMMANDED, CONTROLLER). others: the other arm's memory, whose `silent_ns` is written."""
+    """Judge samples[0].tau_desired, write samples[0].tau_applied, return (verdict, reason).
+
+    demand: 0, or the reason of a stop from outside (COMMANDED, CONTROLLER). others: the other arm's memory, whose
+    `silent_ns` is written.
+    """
     sample, memory, other, rule = samples[0], memories[0], others[0], all_rules[0]
     found = find_violation(sample, residual, other, rule, memory)
     if memory["stopping"] == 0:
@@ -135,9 +138,11 @@ class SafetyJudge:
     def judge(
         self, sample: NDArray[np.void], demand: Cause = Cause.NONE, residual: NDArray[np.float64] | None = None
     ) -> Judgement:
-        """Write tau_applied of the sample (1,) from its state and tau_desired. Never raises. residual: the controller's
-        momentum residual (7,), Nm, to be judged beside the robot's own estimate. A stop that was commanded is no
-        intervention; everything else that changed a torque is, once a stop and once a limited tick."""
+        """Write tau_applied of the sample (1,) from its state and tau_desired. Never raises.
+
+        residual: the controller's momentum residual (7,), Nm, to be judged beside the robot's own estimate. A stop that
+        was commanded is no intervention; everything else that changed a torque is, once a stop and once a limited tick.
+        """
         was_stopping = self._stopping[0]
         look = self._no_residual if residual is None else residual
         if sample is not self._sample or look is not self._residual:

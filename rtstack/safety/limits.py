@@ -60,8 +60,10 @@ REFLEX_SHARE = 1.3  # of the judge's bound: the robot's threshold, so that the j
 
 class ForcePhase(IntEnum):
     """What the pads are about to do, and with that how hard they may push: a row of SafetyLimits.tau_ext_by_phase.
+
     IMPACT: what follows the impact of a trial. CONTACT: contact on purpose: motion by hand, demonstrations, a load that
-    is put down, a trial that awaits its impact. APPROACH: nothing is to be met."""
+    is put down, a trial that awaits its impact. APPROACH: nothing is to be met.
+    """
 
     IMPACT = 0
     CONTACT = 1
@@ -74,14 +76,16 @@ class LimitWidened(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """The limits of the judge of one arm. Joints (7,); the box is of the pad's face in the world's frame. Names that
-    end in lower or min bound from below, upper and max from above. tau_J_max bounds the measured torque (it swings
-    above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
+    """The limits of the judge of one arm. Joints (7,); the box is of the pad's face in the world's frame.
+
+    Names that end in lower or min bound from below, upper and max from above. tau_J_max bounds the measured torque (it
+    swings above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
     controller's momentum residual, force_max the size of the robot's estimate of the pad's force; those with contact or
     approach in their name bound the same in these phases (ForcePhase), where they are smaller. power_max bounds the sum
     of |tau_J dq|'s balance, state_gap_max_s the robot's time between two states that differ, pair_skew_max_s the time
     for which one arm is answered without a new state of the other. arm: the model's own, for braking and the velocity
-    limit near a position limit, which only a robot's own limits tighten (within_own)."""
+    limit near a position limit, which only a robot's own limits tighten (within_own).
+    """
 
     q_lower: Seven
     q_upper: Seven

@@ -25,8 +25,10 @@ def begin_stop(sample, memory, reason):
 
 @compiled
 def braking_torque(sample, rule, memory):
-    """Write the torque of the braking profile to tau_applied; a value that is not finite counts as no error. The
-    profile ends at a position limit at the latest, and an arm that is beyond one is not pulled back."""
+    """Write the torque of the braking profile to tau_applied; a value that is not finite counts as no error.
+
+    The profile ends at a position limit at the latest, and an arm that is beyond one is not pulled back.
+    """
     for i in range(7):
         slower = max(0.0, abs(memory["dq_hold"][i]) - rule["braking"][i] * rule["dt"])
         velocity = math.copysign(slower, memory["dq_hold"][i])
@@ -52,8 +54,10 @@ def braking_torque(sample, rule, memory):
 
 @compiled
 def clip(sample, rule, memory, wanted):
-    """Bring `wanted` (7,) inside torque and torque rate, write it to tau_applied; return the reason for a change. The
-    torque's bound comes first, even where the robot says that it was commanded more."""
+    """Bring `wanted` (7,) inside torque and torque rate, write it to tau_applied; return the reason for a change.
+
+    The torque's bound comes first, even where the robot says that it was commanded more.
+    """
     reason = 0
     for i in range(7):
         tau = wanted[i]

@@ -189,8 +189,10 @@ def _usable(pose):
 
 @compiled
 def aim(poses, followers, aims, lower, upper):
-    """Make the poses (arms, 7) the followers' goals, inside of the box; return how many were not taken. Two pads are
-    kept apart. A pose that is none, or is further ahead of its arm's command than AHEAD_M, leaves the goal as it is.
+    """Make the poses (arms, 7) the followers' goals, inside of the box; return how many were not taken.
+
+    Two pads are kept apart. A pose that is none, or is further ahead of its arm's command than AHEAD_M, leaves the goal
+    as it is.
     """
     missed = 0
     arms = aims.shape[0]

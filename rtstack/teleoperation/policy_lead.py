@@ -68,8 +68,10 @@ def quiet(quiet_ns: int, end: End, lacking: str) -> WatchdogTrip | None:
 
 
 class PolicyLead:
-    """The answers of a policy under a lease. poses (2, 7): what is asked of (left, right); xi (2,): of the posture, rad
-    or NaN. clock: the host's monotonic time, ns.
+    """The answers of a policy under a lease.
+
+    poses (2, 7): what is asked of (left, right); xi (2,): of the posture, rad or NaN. clock: the host's monotonic time,
+    ns.
     """
 
     def __init__(self, mailbox: Mailbox, job: int, clock: Callable[[], int]) -> None:

@@ -53,10 +53,12 @@ class HostCause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LateCycle:
-    """One late cycle. t_s: since the first one; late_us: from when the state was due to its answer. Parts, us:
-    outside_us until the state came, then the host's: busy_us with the cycle before, wake_us until the loop looked,
-    read_us for the socket, tick_us from the state to the answer. missing: states that never came; passed_over: that had
-    come when a newer one was read; unanswered: ms that the robot has counted without an answer."""
+    """One late cycle. t_s: since the first one; late_us: from when the state was due to its answer.
+
+    Parts, us: outside_us until the state came, then the host's: busy_us with the cycle before, wake_us until the loop
+    looked, read_us for the socket, tick_us from the state to the answer. missing: states that never came; passed_over:
+    that had come when a newer one was read; unanswered: ms that the robot has counted without an answer.
+    """
 
     t_s: float
     side: str

@@ -24,8 +24,11 @@ DEFAULT = ("left.pad_force", "right.pad_force", "left.force_norm", "left.pad_vel
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One curve: column `column` of `topic`, counted over its fields and their components. plain: the field in words;
-    whose: the arm's or both arms'; reference: the name of the signal that this one is to follow, or empty."""
+    """One curve: column `column` of `topic`, counted over its fields and their components.
+
+    plain: the field in words; whose: the arm's or both arms'; reference: the name of the signal that this one is to
+    follow, or empty.
+    """
 
     name: str
     topic: str
@@ -63,8 +66,10 @@ def signals() -> dict[str, Signal]:
 
 
 def matching(words: Sequence[str]) -> list[Signal]:
-    """Return the signals that words name: a whole name, or a part between dots: left.tau_J, pad_force, tau_J.4. Raises
-    LogError for a word that names none."""
+    """Return the signals that words name: a whole name, or a part between dots: left.tau_J, pad_force, tau_J.4.
+
+    Raises LogError for a word that names none.
+    """
     found: dict[str, Signal] = {}
     for word in words:
         inside = f".{word}."

@@ -104,8 +104,10 @@ def open_mcap(path: Path, any_start: bool = False) -> BinaryIO:
 
 def end_of(file: BinaryIO, any_data_end: bool = False) -> End | None:
     """Return where the data section and the summary of a finished file end, None of one that was cut off, also behind
-    an attached MCAP, whose footer points elsewhere. any_data_end: the record between them may be damaged, where the
-    summary has a checksum that fits."""
+    an attached MCAP, whose footer points elsewhere.
+
+    any_data_end: the record between them may be damaged, where the summary has a checksum that fits.
+    """
     footer = file.seek(0, 2) - FOOTER_SIZE - len(MAGIC)
     if footer < len(MAGIC) + DATA_END_SIZE:
         return None
@@ -158,8 +160,10 @@ def sections(file: BinaryIO) -> Iterator[Section]:
 
 
 def chunk_at(file: BinaryIO, section: Section, head: bool = False, cut: bool = False) -> Chunk:
-    """Return a chunk; `head`: without its data; `cut`: whatever its length, with the data that are there. Raises
-    ValueError for a chunk that does not fit, struct.error for half a head."""
+    """Return a chunk; `head`: without its data; `cut`: whatever its length, with the data that are there.
+
+    Raises ValueError for a chunk that does not fit, struct.error for half a head.
+    """
     if section.size > 2 * LARGEST_CHUNK and not cut:
         raise Unreadable(f"a chunk has {section.size} bytes: at most {LARGEST_CHUNK} are read")
     file.seek(section.offset)
@@ -225,8 +229,10 @@ def growth_max(file_size: int) -> int:
 
 def walk(data: bytes, seen: NDArray[np.int64]) -> tuple[NDArray[Any], list[int], list[int], int]:
     """Return the complete messages in a chunk's data, as MESSAGES; the places of new schemas and channels, and of those
-    that differ from an earlier one of the same number; and where the last complete record ends. seen: checksums of the
-    schemas and channels so far, (2 * NUMBERS,), to which those in the data are added."""
+    that differ from an earlier one of the same number; and where the last complete record ends.
+
+    seen: checksums of the schemas and channels so far, (2 * NUMBERS,), to which those in the data are added.
+    """
     rows = np.empty((len(data) // MESSAGE_HEADER + 1, 4), np.int64)
     places = np.empty(min(len(data) // RECORD_HEADER, 2 * NUMBERS) + 1, np.int64)
     messages, defined, end = _walk(np.frombuffer(data, np.uint8), seen, rows, places)

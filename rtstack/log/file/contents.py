@@ -157,8 +157,10 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
 
 
 def read_contents(file: BinaryIO, end: End, trusts: bool = True) -> Contents:
-    """Return what a finished file holds; trusts: by the summary, where that says enough. Raises LogError for a file
-    that is damaged, or that expands to more than `growth_max`."""
+    """Return what a finished file holds; trusts: by the summary, where that says enough.
+
+    Raises LogError for a file that is damaged, or that expands to more than `growth_max`.
+    """
     summary = read_summary(file, end)
     if trusts and summary.whole:
         try:

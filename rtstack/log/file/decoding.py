@@ -44,8 +44,10 @@ class TopicDecoder:
     def decode(
         self, data: bytes, t_ns: NDArray[np.int64], start: NDArray[np.int64], size: NDArray[np.int64]
     ) -> NDArray[Any]:
-        """Return the records of the messages at data[start : start + size], (n,), with these log times. Raises LogError
-        for a message that is not of the topic's schema."""
+        """Return the records of the messages at data[start : start + size], (n,), with these log times.
+
+        Raises LogError for a message that is not of the topic's schema.
+        """
         try:
             records = np.zeros(len(t_ns), self._record)
             rest = np.ones(len(t_ns), np.bool_)

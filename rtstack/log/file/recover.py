@@ -20,8 +20,10 @@ from rtstack.log.file.salvage import Salvage
 
 @dataclass(frozen=True, slots=True)
 class RecoverySummary:
-    """What a recovery gave back; a complete log needs none: `complete`, and no `output`. messages: in the new file;
-    last_t_ns: the newest log time, ns; missing: a line for each part that could not be read."""
+    """What a recovery gave back; a complete log needs none: `complete`, and no `output`.
+
+    messages: in the new file; last_t_ns: the newest log time, ns; missing: a line for each part that could not be read.
+    """
 
     output: Path | None
     complete: bool

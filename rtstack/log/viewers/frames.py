@@ -25,8 +25,11 @@ _UPRIGHT, _NONE = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(4)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellFrames:
-    """Where things are mounted in the cell, compared by identity. Of each arm that is there, by its side, left before
-    right: mounting pose (4, 4) row-major, m, size of its pad, m, and URDF. The sizes are for drawing."""
+    """Where things are mounted in the cell, compared by identity.
+
+    Of each arm that is there, by its side, left before right: mounting pose (4, 4) row-major, m, size of its pad, m,
+    and URDF. The sizes are for drawing.
+    """
 
     T_world_base: Mapping[str, Array]
     pad_size_m: Mapping[str, tuple[float, float, float]]
@@ -101,8 +104,10 @@ def _products(a: Array, b: Array) -> Array:
 
 def quaternions_of(R: Array, before: Array = _NONE) -> Array:
     """Return the quaternions wxyz (n, 4) of a moving frame's rotation matrices (n, 3, 3), without jumps of their sign,
-    also from the one before, (4,), zeros where there is none. Shepperd, "Quaternion from rotation matrix", 1978: of
-    four equal formulas the one that divides by most."""
+    also from the one before, (4,), zeros where there is none.
+
+    Shepperd, "Quaternion from rotation matrix", 1978: of four equal formulas the one that divides by most.
+    """
     diagonal = np.diagonal(R, axis1=1, axis2=2)
     trace = diagonal.sum(axis=1)
     largest = np.argmax(np.column_stack([trace, diagonal]), axis=1)

@@ -46,8 +46,10 @@ class InstantFinder:
         self._held: dict[str, NDArray] = {}  # of each arm, and of the object: the newest record of the batches so far
 
     def find(self, arms: dict[str, NDArray], poses: NDArray) -> Instants:
-        """Return the instants in a batch of ARM_SAMPLE records of each side and OBJECT_POSE records. The first side
-        that has samples sets the times; everything else is the newest that was seen until then."""
+        """Return the instants in a batch of ARM_SAMPLE records of each side and OBJECT_POSE records.
+
+        The first side that has samples sets the times; everything else is the newest that was seen until then.
+        """
         leader = next((arms[side] for side in SIDES if len(arms[side])), arms[SIDES[0]])
         due = np.array(self._due(leader["t_ns"]), np.int64)
         found: dict[str, Known] = {}

@@ -24,8 +24,11 @@ def make_whole(
     path: Path, rings: Rings, job: LogJob, ended: str, result: dict[str, str], evidence: Evidence | None
 ) -> tuple[int, float]:
     """Replace a log that was cut off, as `ended` says, by one with the rings' newer samples, a result and a fault's
-    evidence. Return the number of messages, and how much is missing between both, s; then the run has failed. Raises
-    OSError: then the file stays as it was."""
+    evidence.
+
+    Return the number of messages, and how much is missing between both, s; then the run has failed. Raises OSError:
+    then the file stays as it was.
+    """
     last_ns, seen = -1, dict.fromkeys(TOPICS, 0)
     with replacing(path) as new, open(new, "wb") as file, open(path, "rb") as old:
         writer = McapWriter.of_job(file, job, rings.times)

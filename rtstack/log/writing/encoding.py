@@ -105,9 +105,11 @@ class WireField:
 
 
 class WireFormat:
-    """A message on the wire: `template` is the dtype of one without names of bits, `size` its bytes. record: what it is
-    decoded into; fields: in the order of their bytes. Those that the record does not have are passed over; what only
-    the record has is zero."""
+    """A message on the wire: `template` is the dtype of one without names of bits, `size` its bytes.
+
+    record: what it is decoded into; fields: in the order of their bytes. Those that the record does not have are passed
+    over; what only the record has is zero.
+    """
 
     def __init__(self, record: np.dtype, fields: Sequence[WireField]) -> None:
         self.record = record
@@ -226,9 +228,11 @@ def _own_field(field: Field, number: int) -> WireField:
 
 
 def wire_format_of(message: Message, descriptor: Descriptor, counts: Mapping[str, int]) -> WireFormat | None:
-    """Return the format of messages that another version wrote, by the descriptor in their file. counts: the lengths of
-    their arrays, by field. None where a field has a form that we never wrote, or another than ours: such messages are
-    for the protobuf library."""
+    """Return the format of messages that another version wrote, by the descriptor in their file.
+
+    counts: the lengths of their arrays, by field. None where a field has a form that we never wrote, or another than
+    ours: such messages are for the protobuf library.
+    """
     ours, fields = {field.name: field for field in message.fields}, []
     for described in sorted(descriptor.fields, key=lambda field: field.number):
         name, number = described.name, described.number

@@ -51,15 +51,19 @@ class _File:
 
 
 class McapWriter:
-    """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time. Every
-    method raises OSError when the disk refuses."""
+    """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time.
+
+    Every method raises OSError when the disk refuses.
+    """
 
     def __init__(
         self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}, scenery: Scenery | None = None,
         times: NDArray[np.void] | None = None,
     ) -> None:  # fmt: skip
-        """pictures: the topics of cameras. scenery: makes messages for viewers of the records. times: the run's TIMES
-        (1,), None where the log is no recording."""
+        """pictures: the topics of cameras. scenery: makes messages for viewers of the records.
+
+        times: the run's TIMES (1,), None where the log is no recording.
+        """
         self._file = _File(file)
         self._scenery = scenery
         # kept here: the channels hold no reference to their context, and fall silent without it
