@@ -158,8 +158,9 @@ def contradicted(data: bytes) -> bool:
 def opened(body: bytes) -> bytes:
     """Return the data of a chunk. Raises whatever the libraries do for a broken one."""
     chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-    unpack: dict[str, Callable[[bytes], bytes]] = {"": bytes, "lz4": lz4.frame.decompress}
-    unpack["zstd"] = lambda packed: zstandard.ZstdDecompressor().decompress(packed, chunk.uncompressed_size)
+    unpack: dict[str, Callable[[bytes], bytes]] = {"": bytes}  # a frame may lack its last byte: nothing is lost
+    unpack["lz4"] = lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed)
+    unpack["zstd"] = lambda packed: zstandard.ZstdDecompressor().decompressobj().decompress(packed)
     data = unpack[chunk.compression](chunk.data)
     if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise ValueError("not whole")
