@@ -200,3 +200,12 @@ def test_a_record_that_the_summary_places_beyond_every_file_is_looked_for(tmp_pa
     summary = recover(path)
     assert summary.output is not None
     assert messages_of(summary.output.read_bytes()) == messages_of(data)
+
+
+def test_a_summary_without_checksum_is_not_believed(tmp_path: Path) -> None:
+    data = small_log(random.Random(0), enable_crcs=False, repeat_channels=True, chunk_size=500)
+    place = data.rindex(b"/right/arm")
+    path = tmp_path / "log.mcap"
+    path.write_bytes(data[:place] + b"/wrong" + data[place + 6 :])
+    log = read_log(path)
+    assert {topic: log.times(topic) for topic in log.topics} == messages_of(data)

@@ -157,12 +157,12 @@ def read_summary(file: BinaryIO, end: End) -> Summary:
 
 
 def read_contents(file: BinaryIO, end: End, trusts: bool = True) -> Contents:
-    """Return what a finished file holds; trusts: by the summary, where that says enough.
+    """Return what a finished file holds; trusts: by the summary, where that says enough and has a checksum.
 
     Raises LogError for a file that is damaged, or that expands to more than `growth_max`.
     """
     summary = read_summary(file, end)
-    if trusts and summary.whole:
+    if trusts and end.summary_crc and summary.whole:
         try:
             return _Survey(file, end, summary, trusts=True).contents
         except Inconsistent:  # an index is missing, or wrong
