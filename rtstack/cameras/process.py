@@ -17,7 +17,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.log.video import Encoder, jpeg_of
 from rtstack.log.writing.pictures import PictureRing
-from rtstack.model.cell_description import CameraDescription
+from rtstack.model.camera_description import CameraDescription
 
 _NICENESS = 10  # a picture may wait for everything else
 _IDLE_S = 0.005

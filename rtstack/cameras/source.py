@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hal.extensions import ExtensionPoint
 from rtstack.log.ring import Rings
-from rtstack.model.cell_description import CameraDescription
+from rtstack.model.camera_description import CameraDescription
 
 STAMP_BITS, STAMP_PX, STAMP_NS = 48, 8, 100_000
 

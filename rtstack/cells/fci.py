@@ -16,7 +16,8 @@ from hal.tracker import ClosableTracker, TrackerRequest
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.metal import check_boxes, check_measured, check_real_cell, on_this_machine
 from rtstack.cells.robot_clock import RobotClock
-from rtstack.model.cell_description import CellDescription, TrackerDescription
+from rtstack.model.cell_description import CellDescription
+from rtstack.model.tracker_description import TrackerDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import check_models, difference_of_limits, limits_of_arms

@@ -16,7 +16,7 @@ from rtstack.cells import default_cell_file
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.log.ring import Rings
-from rtstack.model.cell_description import CameraDescription
+from rtstack.model.camera_description import CameraDescription
 
 MOST_PICTURES, QUALITY = 240, 60
 RATE_HZ, SLOW = 12.0, 0.1  # pictures in a second of looking at it; shorter parts than a second are shown slowly

@@ -19,7 +19,8 @@ from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.log.analysis.lateness import Blame, Lateness
 from rtstack.loop.session import StopSignal
-from rtstack.model.cell_description import NO_TRACKER, CellDescription
+from rtstack.model.cell_description import CellDescription
+from rtstack.model.tracker_description import NO_TRACKER
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import free_name
 from rtstack.trials.sight import trouble_of

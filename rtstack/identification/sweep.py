@@ -12,7 +12,7 @@ from hal.cell import Cell
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.quintic import ViaPoint, quintic_path
 from rtstack.samples import Mode

@@ -19,13 +19,14 @@ from hal.errors import HardwareError
 from hal.extensions import PLUG_INS_RAISE, raised
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
-from rtstack.control.controller import Controller, ObservedArm
+from rtstack.control.controller import Controller
 from rtstack.control.records import WORKSPACE
 from rtstack.loop.command_echo import CommandEcho
 from rtstack.loop.end import End
 from rtstack.loop.event_reporter import EventReporter
 from rtstack.loop.fault import Fault, FaultNotes
 from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.plan import SessionPlan
 from rtstack.loop.publisher import CycleReporter, Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
@@ -64,56 +65,6 @@ class StopSignal(Protocol):
     def stop_requested(self) -> bool:
         """Whether a stop is asked for."""
         ...
-
-
-class PointSource(Protocol):
-    """Writes the plan's points during the session, which has no end of its own then."""
-
-    @property
-    def points(self) -> NDArray[np.void]:
-        """The points (arms, 1) of POINT that are written."""
-        ...
-
-    def listen(self) -> None:
-        """Take what has come since the last tick: requests, what the arms have reached. Once a tick, before `step`,
-        and before this source is asked as a watchdog, which it has to be. Never waits."""
-
-    def step(self, side: int, arm: ObservedArm) -> None:
-        """Write the point of an arm, by its place among the arms, whose state was just observed. Never waits."""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionPlan:
-    """What to follow: ante and post (arms, n) of POINT, the mode to begin with, and the stiffness (6,). source: writes
-    ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do. impact_s: between
-    which two moments an impact is meant, s since the start: until it is detected the forces are those of contact, from
-    then on those of an impact, and outside those of `phase`."""
-
-    ante: NDArray
-    post: NDArray
-    mode: Mode
-    stiffness: NDArray[np.floating]
-    period_s: float
-    source: PointSource | None = None
-    phase: ForcePhase = ForcePhase.APPROACH
-    impact_s: tuple[float, float] | None = None
-
-    @classmethod
-    def from_source(
-        cls, source: PointSource, stiffness: NDArray[np.floating], period_s: float, phase: ForcePhase
-    ) -> "SessionPlan":
-        """Return the plan whose only point the source writes anew each tick."""
-        return cls(source.points, source.points, Mode.TELEOPERATION, stiffness, period_s, source, phase)
-
-    @property
-    def widest_phase(self) -> ForcePhase:
-        """The phase of the largest forces: what the robots' own thresholds have to let pass, which do not change."""
-        return self.phase if self.impact_s is None else ForcePhase.IMPACT
-
-    @property
-    def ticks(self) -> int:
-        """Length of the reference in ticks."""
-        return self.ante.shape[1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,13 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
 import datetime
-import math
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +15,16 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base import configuration
-from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real
-from hal.clock_relation import ClockRelation
+from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive
 from hal.pad import Pad, Quaternion, Vector
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
-from hal.tracker import TagCamera, TrackerFrames, TrackerRequest, TrackerTimes
+from rtstack.model.camera_description import CameraDescription
 from rtstack.model.plausible import check_plausible
 from rtstack.model.rotation import rotation_from_quaternion
+from rtstack.model.tracker_description import TrackerDescription
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import SIDES, LawInertia, Reaction
-
-LARGEST_AGE_MS = 100.0  # ten frames of a slow tracker; ours
-Clock = Literal["robot", "host", "own", "arrival"]
-_CLOCKS: dict[str, Clock] = {"natnet": "own", "apriltag": "host"}  # of the kinds that have only one
-NO_TRACKER = "none"  # [tracker] kind of a cell in which nothing sees the object
 
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
 # at most twice the paper's, N/m and Nm/rad: an untested gain is not accepted for real arms
@@ -96,60 +90,6 @@ class ObjectDescription:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class TrackedBody:
-    """What a tracker follows of an object. id: its number of the rigid body. position m, orientation_wxyz: of the
-    object's frame in the body's."""
-
-    id: Annotated[int, Field(ge=0, lt=2**31)]
-    position: Vector = (0.0, 0.0, 0.0)
-    orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class TrackerDescription:
-    """Where the object's poses come from, in which frame and with which times: see hal.tracker.
-
-    kind: a name of rtstack.trackers. udp: datagrams (hal.tracker_link) that are sent to HOST:PORT; natnet: Motive at
-    HOST:PORT; apriltag: `camera` sees a tag on the object; none: nothing sees the object. clock: of the poses' times,
-    udp alone; position, orientation_wxyz: of the tracker's frame in the world. bodies: by the objects' names.
-    largest_age_ms: None: 100, any by the robot's clock. place_tolerance_m: an object that is seen further from its
-    place than this is put back before a trial.
-    """
-
-    kind: str = "udp"
-    address: Annotated[str, Field(pattern=r"^[^\s:]+:\d{1,5}$")] = "127.0.0.1:1341"
-    place_tolerance_m: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.06
-    clock: Clock = "robot"
-    latency_ms: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 0.0
-    largest_age_ms: Annotated[float, Field(gt=0.0)] | None = None
-    multicast: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
-    up: Literal["y", "z"] = "z"
-    position: Vector = (0.0, 0.0, 0.0)
-    orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    bodies: dict[str, TrackedBody] = field(default_factory=dict)
-    camera: TagCamera | None = None
-
-    def frames(self, object_name: str) -> TrackerFrames:
-        """Return where tracker and object stand. Raises ValueError for an object that is not among the bodies."""
-        thing = self.bodies.get(object_name)
-        if self.bodies and object_name and thing is None:
-            raise ValueError(f"[tracker.bodies] has no {object_name}; it has {', '.join(self.bodies)}")
-        thing = thing or TrackedBody(0)
-        return TrackerFrames(self.up, self.position, self.orientation_wxyz, thing.position, thing.orientation_wxyz)
-
-    def request(self, object_name: str, robot_clock: ClockRelation) -> TrackerRequest:
-        """Return what the tracker is opened with; see hal.tracker.TrackerRequest. Raises ValueError as `frames`."""
-        host, _, port = self.address.rpartition(":")
-        body = self.bodies.get(object_name) if object_name else next(iter(self.bodies.values()), None)
-        clock: Clock = _CLOCKS.get(self.kind, self.clock)
-        age_ms = self.largest_age_ms or (math.inf if clock == "robot" else LARGEST_AGE_MS)
-        return TrackerRequest(
-            host, int(port), self.frames(object_name), TrackerTimes(clock, self.latency_ms, age_ms),
-            robot_clock, None if body is None else body.id, self.multicast, self.camera,
-        )  # fmt: skip
-
-
-@checked(frozen=True, slots=True, config=STRICT)
 class StartMotionLimits:
     """How the arms go to where a trial begins: no joint faster than this (rad/s, rad/s^2), none further than
     longest_rad; not at all where every joint is within tolerance_rad."""
@@ -201,44 +141,6 @@ class Calibration:
     rms_mm: NotNegative | None = None
     uncertainty_mm: NotNegative | None = None
     points: int | None = None
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class CameraDescription:
-    """A camera, `[cameras.NAME]`.
-
-    kind: an entry point of rtstack.cameras; address: a device or file. position, m, and orientation_wxyz, in the world:
-    it looks along its z, its x is to the picture's right. fov_y_deg: of the picture's height; intrinsics (9,): K,
-    row-major, px, in its place where it was measured, with distortion (k1, k2, p1, p2, k3). stamped: the time is drawn
-    into each picture; format: of the log; quality: of the JPEG.
-    """
-
-    kind: str
-    position: Vector
-    orientation_wxyz: Quaternion
-    address: str = ""
-    width: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 640
-    height: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 480
-    rate_hz: Annotated[float, Field(ge=1.0, le=120.0)] = 30.0
-    fov_y_deg: Annotated[float, Field(gt=1.0, lt=170.0)] = 45.0
-    intrinsics: Annotated[tuple[Real, ...], Field(min_length=9, max_length=9)] | None = None
-    distortion: Annotated[tuple[Real, ...], Field(max_length=5)] = ()
-    stamped: bool = False
-    format: Literal["jpeg", "h264"] = "jpeg"
-    quality: Annotated[int, Field(ge=10, le=95)] = 85
-
-    @property
-    def K(self) -> tuple[float, ...]:
-        """The camera matrix (9,), row-major, px."""
-        if self.intrinsics is not None:
-            return self.intrinsics
-        f = 0.5 * self.height / math.tan(0.5 * math.radians(self.fov_y_deg))
-        return f, 0.0, 0.5 * self.width, 0.0, f, 0.5 * self.height, 0.0, 0.0, 1.0
-
-    @property
-    def pose(self) -> tuple[float, ...]:
-        """T_world_camera (7,): m, wxyz."""
-        return *self.position, *self.orientation_wxyz
 
 
 class LoadPolicy(StrEnum):

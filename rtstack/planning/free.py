@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from hal.base.arrays import Array
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.joints import feedforward, joint_motion

@@ -23,7 +23,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.loop.end import OUTSIDE
 from rtstack.loop.history import Columns
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.playback.logged_cell import LoggedSource, LoggedStop, logged_cell
 from rtstack.safety.limits import ForcePhase

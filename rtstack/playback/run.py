@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hal.cell import Cell
 from rtstack.control.records import POINT
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.feasibility import POSITION_MARGIN_RAD, TORQUE_SHARE, VELOCITY_SHARE, near_misses
 from rtstack.playback.path import RAMP_S, STEP_S, ArmPath, LoggedMotion, arm_path, load_motion, pace

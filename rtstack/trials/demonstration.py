@@ -7,7 +7,7 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.loop.history import Columns
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.safety.limits import ForcePhase

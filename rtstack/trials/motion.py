@@ -5,7 +5,7 @@ from typing import Any
 
 from hal.cell import Cell
 from rtstack.loop.history import Columns
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import Parameters
 from rtstack.trials.carry_out import PreparedRun

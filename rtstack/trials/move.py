@@ -15,7 +15,7 @@ from rtstack.control.guiding import GuidingLaw
 from rtstack.control.modes import Strategy
 from rtstack.control.tick import CellController
 from rtstack.loop.end import End
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription, LoadPolicy
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.tracker import ObjectPose
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.placement import carried
 from rtstack.safety.limits import ForcePhase, PairLimits

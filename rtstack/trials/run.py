@@ -19,8 +19,9 @@ from rtstack.log.writing.job import Attachment, Evidence
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault
 from rtstack.loop.history import Columns, History
+from rtstack.loop.plan import SessionPlan
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import Session, SessionOutcome, SessionPlan
+from rtstack.loop.session import Session, SessionOutcome
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.samples import Level, QpSolver

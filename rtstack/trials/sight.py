@@ -9,8 +9,9 @@ import numpy as np
 from hal.base.arrays import Array
 from hal.cell import LEFT, RIGHT, Cell
 from hal.tracker import ObjectPose
-from rtstack.model.cell_description import NO_TRACKER, CellDescription
+from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import rotation_from_quaternion
+from rtstack.model.tracker_description import NO_TRACKER
 from rtstack.trials.errors import TrialError
 
 LONGEST_LOOK_S = 1.0  # a camera has 20 pictures by then, and a clock of the tracker's own is known

@@ -22,7 +22,7 @@ from rtstack.cameras.newest import NewestPictures
 from rtstack.cameras.start import Cameras
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import TARGET, Mailbox
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.loop.timeline import TICK_NS
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription

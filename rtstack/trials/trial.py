@@ -10,8 +10,9 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S
-from rtstack.loop.session import SessionPlan
-from rtstack.model.cell_description import NO_TRACKER, CellDescription, base_poses
+from rtstack.loop.plan import SessionPlan
+from rtstack.model.cell_description import CellDescription, base_poses
+from rtstack.model.tracker_description import NO_TRACKER
 from rtstack.monitor.pair import PairParameters
 from rtstack.monitor.records import Verdict
 from rtstack.references.motion import Motion

@@ -11,6 +11,7 @@ from hal.errors import RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell
+from sim_robot.fci.answer_times import AnswerTimes
 from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.move import GOAL_DEVIATION, PATH_DEVIATION, MoveRequest, Tolerances, deviates
@@ -37,10 +38,6 @@ _STOPPED = {RobotMode.REFLEX: StopStatus.REFLEX_ABORTED, RobotMode.USER_STOPPED:
 JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
 
 
-# Bins of the histogram of answers. An answer later than 2 ms is dropped anyway.
-_BIN_NS, _BINS = 5_000, 400
-
-
 def _flags(mask: int) -> np.ndarray:
     return np.array([mask >> bit & 1 for bit in range(len(ROBOT_ERRORS))], dtype=np.uint8)
 
@@ -52,26 +49,6 @@ def _possible(request: MoveRequest) -> bool:
     if request.asynchronous and (generator != Generator.JOINT_POSITION or external):
         return False
     return generator != Generator.NONE or external
-
-
-class AnswerTimes:
-    """A histogram of the times from a state to its answer's arrival, by this host's clock. lost: states without one."""
-
-    def __init__(self) -> None:
-        self._counts = np.zeros(_BINS, dtype=np.int64)
-        self.lost = 0
-
-    def note(self, elapsed_ns: int) -> None:
-        self._counts[min(elapsed_ns // _BIN_NS, _BINS - 1)] += 1
-
-    def report(self) -> str:
-        """One line for people. A percentile is the upper edge of the bin in which it lies."""
-        total = np.cumsum(self._counts)
-        if not total[-1]:
-            return "no answers"
-        shares = np.array([50.0, 99.0, 99.9]) / 100.0 * total[-1]
-        p50, p99, p999 = 1e-3 * _BIN_NS * (1 + np.searchsorted(total, shares))
-        return f"{total[-1]} answers, after {p50:.0f} us p50, {p99:.0f} p99, {p999:.0f} p99.9; {self.lost} lost"
 
 
 class ArmServer:

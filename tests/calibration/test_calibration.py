@@ -20,7 +20,7 @@ from rtstack.calibration.payload import payload
 from rtstack.calibration.points import Point, changes, nominal_geometry, observations
 from rtstack.cells import load_description
 from rtstack.model.arm_model import ArmModel, build_model
-from rtstack.model.cell_description import TrackedBody
+from rtstack.model.tracker_description import TrackedBody
 from rtstack.trials.errors import TrialError
 from tests.support.wrong_cell import (
     SWAPS,

@@ -26,7 +26,7 @@ from rtstack.log.video import Encoder
 from rtstack.log.writing import pictures
 from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.loop.end import End
-from rtstack.model.cell_description import CameraDescription
+from rtstack.model.camera_description import CameraDescription
 from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.policy import Chunk
 from rtstack.trials.record import open_log

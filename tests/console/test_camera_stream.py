@@ -16,7 +16,7 @@ from console.teleoperation.gate import Drop, Gate
 from rtstack.access.tokens import Scope
 from rtstack.log.video import Encoder
 from rtstack.log.writing.pictures import SLOTS, PictureRing
-from rtstack.model.cell_description import CameraDescription
+from rtstack.model.camera_description import CameraDescription
 from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.stamp import Stamp
 from tests.support.console.client import arm, wait_for

@@ -27,7 +27,8 @@ from hal.cell import Cell
 from hal.tracker_link import TrackerLink
 from rtstack.cells import default_cell_file, kind_of, open_cell
 from rtstack.check.host import host_findings
-from rtstack.model.cell_description import CellDescription, TrackerDescription, load_cell_description
+from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.model.tracker_description import TrackerDescription
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.provenance import git_commit, package_versions
 from rtstack.trials.record import open_log

@@ -21,8 +21,8 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.cells import load_description
+from rtstack.loop.plan import SessionPlan
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import arm_controllers, cell_parameters

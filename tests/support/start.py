@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import Cell
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription, StartMotionLimits
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import cell_parameters

@@ -17,7 +17,7 @@ from rtstack.control.law import acceleration_bounds, external_acceleration, torq
 from rtstack.control.program import DaqpProgram
 from rtstack.control.records import POINT
 from rtstack.log.reader import read_log
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose

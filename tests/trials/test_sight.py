@@ -15,7 +15,7 @@ from hal.clock_relation import ClockRelation
 from hal.tracker import ObjectPose, TrackerFrames, TrackerTimes
 from hal.tracker_link import DATAGRAM, TrackerLink
 from rtstack.cells import load_description
-from rtstack.model.cell_description import TrackerDescription
+from rtstack.model.tracker_description import TrackerDescription
 from rtstack.trials.errors import TrialError
 from rtstack.trials.sight import check_place, check_sight
 

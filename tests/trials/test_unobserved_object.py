@@ -7,7 +7,8 @@ import pytest
 
 from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
-from rtstack.model.cell_description import NO_TRACKER, base_poses, load_cell_description
+from rtstack.model.cell_description import base_poses, load_cell_description
+from rtstack.model.tracker_description import NO_TRACKER
 from rtstack.trials.review import log_columns
 from rtstack.trials.scoring import SuccessCriterion, score
 

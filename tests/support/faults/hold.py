@@ -12,8 +12,9 @@ from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
 from rtstack.control.tick import CellController
 from rtstack.loop.end import End
+from rtstack.loop.plan import SessionPlan
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import Session, SessionPlan
+from rtstack.loop.session import Session
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode

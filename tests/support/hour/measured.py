@@ -5,7 +5,7 @@ import numpy as np
 from rtstack.identification.fit import fit_joint, joint_samples
 from rtstack.identification.sweep import BEGIN_S, Sweep, sweep
 from rtstack.loop.end import End
-from rtstack.loop.session import SessionPlan
+from rtstack.loop.plan import SessionPlan
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.run import ARRIVED_RAD

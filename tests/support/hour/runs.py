@@ -17,7 +17,8 @@ from rtstack.control.modes import Strategy
 from rtstack.control.parameters import FrictionParameters
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
-from rtstack.loop.session import SessionPlan, StopSignal
+from rtstack.loop.plan import SessionPlan
+from rtstack.loop.session import StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import FORCES_BY_PHASE, ForcePhase
 from rtstack.trials.assembly import ControllerRequest, arm_controllers, cell_parameters

@@ -16,7 +16,8 @@ from rtstack.control.tick import CellController
 from rtstack.control.watch import UNTIL_BEFORE_S
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
-from rtstack.loop.session import SessionOutcome, SessionPlan
+from rtstack.loop.plan import SessionPlan
+from rtstack.loop.session import SessionOutcome
 from rtstack.loop.standstill import STOP_TICKS
 from rtstack.loop.timeline import TICK_NS
 from rtstack.model.cell_description import CellDescription
