@@ -56,7 +56,7 @@ class Cases:
         while process.poll() is None and time.monotonic() < until_s and not (log.exists() and log.stat().st_size):
             time.sleep(0.01)
         with suppress(subprocess.TimeoutExpired):
-            process.wait(self._draw.uniform(0.0, 4.0))
+            process.wait(self._draw.uniform(0.0, 0.9))  # it runs six times as fast as the robot would
         return process.poll() is None
 
     def _note(self, what: str, log: Path, errors: str, status: int | None, **more: object) -> None:
@@ -73,7 +73,8 @@ class Cases:
                     row["recovered"], whole = True, read_log(output or found)
                 except LogError as error:
                     whole = None
-                    bad.append(f"{'advised, and ' if advised else ''}not recovered: {error}")
+                    if advised or what != "kill both":  # neither was left to promise anything
+                        bad.append(f"{'advised, and ' if advised else ''}not recovered: {error}")
             if whole is not None:
                 row["ticks"] = len(whole.topic("/left/arm"))
                 told = whole.metadata.get("result", {}).get("ticks")
