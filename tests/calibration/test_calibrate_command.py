@@ -82,6 +82,7 @@ def test_points_that_cannot_be_used_are_one_line(tmp_path, command_line, text, w
     assert words in done.stderr
 
 
+@pytest.mark.long
 def test_arms_that_are_led_are_measured_and_what_was_measured_is_kept(tmp_path, cell_file, command_line):
     points = {name: Point("touch", name, (0.0, 0.1, 0.3)) for name in ("left", "right")}
     points["rest"] = Point("rest")

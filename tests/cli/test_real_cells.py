@@ -184,6 +184,7 @@ def test_they_stop_when_the_terminal_is_closed(real, tmp_path):
     assert found.topic("/left/control")["mode"][-1] == Mode.STOPPING
 
 
+@pytest.mark.long
 def test_a_campaign_on_them_is_watched_pauses_at_p_and_stops_at_any_other_key(real, tmp_path):
     """Without a person at a terminal it does not begin; with one, the arms move by themselves."""
     path, kind = real

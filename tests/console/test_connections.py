@@ -146,6 +146,7 @@ def test_the_limit_of_descriptors_is_raised_to_the_hard_one():
     assert done.stdout.split() == ["3000", "3000"]
 
 
+@pytest.mark.long
 def test_the_scenes_port_has_room_for_the_proxy(served):
 
     with served.signed_in() as (client, _), ExitStack() as stack:

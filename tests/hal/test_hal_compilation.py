@@ -58,7 +58,7 @@ def outside(tmp_path: Path) -> Outside:
 @pytest.mark.parametrize(
     ("name", "before", "after", "result"),
     [
-        ("numbers_", "2.0", "3.0", "33.5"),
+        pytest.param("numbers_", "2.0", "3.0", "33.5", marks=pytest.mark.long),
         pytest.param("numbers_", "10.0", "20.0", "42.5", marks=pytest.mark.long),
         ("below", "x +", "x -", "-17.5"),
         pytest.param("inner", "FACTOR *", "FACTOR +", "13.5", marks=pytest.mark.long),
@@ -140,6 +140,7 @@ print(work(1.0, np.array([100.0])), work(1.0, np.array([100.0])), counter[0])
 """
 
 
+@pytest.mark.long
 def test_arrays_that_are_bound_are_found_again_at_each_call(outside: Outside, tmp_path: Path) -> None:
     """A named tuple, two numbers, another order, a step, a slice of records: 1 + 2 * 3 + 0.5 * 16 + 0.25 + 11 + 100."""
     outside.write(bound_=BOUND)

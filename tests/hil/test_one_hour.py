@@ -178,9 +178,11 @@ def test_only_the_answers_that_are_named_are_left_out():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ([], "one arm"), (["--left", "127.0.0.11", "--right", "127.0.0.12"], "one arm"),
         (["--left", "127.0.0.11", "--only", "99"], "no step '99'"), (["--left", "192.0.2.9"], "simulated = true"),
-        (["--left", "127.0.0.11"], "in a terminal"),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in (
+            ([], "one arm"), (["--left", "127.0.0.11", "--right", "127.0.0.12"], "one arm"),
+            (["--left", "127.0.0.11"], "in a terminal"),
+        )),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path: Path, options: list[str], said: str):

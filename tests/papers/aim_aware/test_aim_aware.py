@@ -165,6 +165,7 @@ def test_a_tuning_lies_between_what_wanted_and_unwanted_cases_need():
     assert separate(needs, (0.0, 0.0), 2.0) is None
 
 
+@pytest.mark.long
 def test_a_case_is_the_same_again_and_unseen_by_the_tuning_where_it_says_so(study_run):
     cases = [Case(76.0, 0.3, deg) for deg in (-4.0, 0.0, 3.0)]
     first = run_cases(study_run, cases)
