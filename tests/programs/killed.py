@@ -96,7 +96,7 @@ class Cases:
         process = self._trial(log)
         alive = self._moment(process, log)
         children = psutil.Process(process.pid).children() if alive else []
-        writers = [child for child in children if "rtstack.log.writing.process" in child.cmdline()]
+        writers = [child for child in children if _writes_a_log(child)]
         if victim != "log":
             process.kill()
         if victim != "trial":
@@ -119,7 +119,7 @@ class Cases:
                     stack.post(order, **({"object": "rice_box"} if "/" in order else {}))
                 time.sleep(self._draw.uniform(1.0, 4.0))
                 everything = [*members.values(), *members["supervisor"].children(recursive=True)]
-                writers = [each for each in everything if "rtstack.log.writing.process" in each.cmdline()]
+                writers = [each for each in everything if _writes_a_log(each)]
                 name = self._draw.choice(("supervisor", "rtstack.live.robot", "console", "log"))
                 for victim in writers if name == "log" else [members[name]]:
                     victim.kill()
@@ -183,6 +183,12 @@ class Cases:
         found = [path.name for path in Path("/dev/shm").glob("rtstack-*")]
         mine = [each for each in found if (pid := each.split("-")[1]).isdecimal() and not psutil.pid_exists(int(pid))]
         return [*mine, *(path.name for path in self.temporary.glob("rtstack-*"))]
+
+
+def _writes_a_log(process: psutil.Process) -> bool:
+    with suppress(psutil.Error):  # it has just ended
+        return "rtstack.log.writing.process" in process.cmdline()
+    return False
 
 
 def main(kills: int = 200, disks: int = 40, folders: int = 20, stacks: int = 20, seed: int = 1) -> int:
