@@ -53,16 +53,18 @@ def run_stack(settings: StackSettings) -> int:
 
     The program is to end after it: from the end's beginning on, these signals are ignored.
     """
-    # an exception of a handler could be raised while a child starts, or be lost where Python ignores it
-    request = os.eventfd(0)
+    # the kernel's handler writes at once; one of Python's waits for its turn, and its exception may be lost
+    request, woken = socket.socketpair()
+    woken.setblocking(False)
+    signal.set_wakeup_fd(woken.fileno(), warn_on_full_buffer=False)
     for number in _ENDING:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has set it
-            signal.signal(number, lambda *_: os.eventfd_write(request, 1))
+            signal.signal(number, lambda *_: None)
     try:
         with ExitStack() as stack:
             stack.callback(remove_left)  # of a robot process that was killed
             try:
-                _supervise(settings, stack, request)
+                _supervise(settings, stack, request.fileno())
             finally:
                 for number in _ENDING:
                     signal.signal(number, signal.SIG_IGN)  # nothing may interrupt the orderly end
