@@ -27,6 +27,7 @@ _SETTINGS = {
     "distributed.scheduler.allowed-failures": 3,
     "distributed.comm.timeouts.connect": f"{CONNECT_S}s",
     "distributed.admin.log-format": "%(message)s",
+    "distributed.admin.low-level-log-length": 100,  # messages that it keeps for its developers: by default 40 MB
     # HTTP has no TLS, and no answer that a campaign needs
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
