@@ -21,7 +21,7 @@ from rtstack.trials.specification import TrialSpecification, like
 from rtstack.trials.trial import PreparedTrial, prepare_trial
 
 
-@lru_cache(maxsize=8)  # the trials of a reference follow one another
+@lru_cache(maxsize=4)  # the trials of a reference follow one another
 def _prepared(bench: Bench, reference: Reference, law: LawInertia | None) -> PreparedTrial:
     path = bench.archive.file(f"{RECORDINGS}/{reference.file}")
     return prepare_trial(TrialSpecification(str(path), object=reference.object, law_inertia=law), bench.description)
