@@ -149,11 +149,11 @@ def test_its_pose_reaches_the_mailbox_and_the_row_of_the_other_one_stays_empty(s
         say(client, headers, clutch=True, deflection={side: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]})
         say(client, headers, clutch=True, deflection={side: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]})
         assert target(served)["pose"][row][2] > pose[2]
-        for step in range(10):  # after a pause of a busy machine the hand leads from where it is
+        for step in range(10):  # after a pause of a busy machine the hand leads from where the arm is
             hand = [1.0 + 0.002 * step, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
             say(client, headers, clutch=True, hands={side: hand})
             time.sleep(0.01)
-        assert pose[0] < target(served)["pose"][row][0] <= pose[0] + 0.002 * 9 + 1e-9
+        assert POSE[0] < target(served)["pose"][row][0] <= pose[0] + 0.002 * 9 + 1e-9
         before = served.mailbox.target_sequence
         for kind, values in (("pose", POSE), ("hands", POSE), ("deflection", [1.0] + [0.0] * 5)):
             refused = say(client, headers, clutch=True, **{kind: {other: values}})
