@@ -4,7 +4,6 @@ import contextlib
 import random
 import resource
 import socket
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from io import BytesIO
@@ -16,7 +15,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from hal.wire import ROBOT_STATE
-from tests.support.console.stack import Stack
+from tests.support.console.stack import Stack, repeated
 from tests.support.log.same_log import busy_loops
 
 DATAGRAMS_S = 1000  # of all kinds, to each arm
@@ -26,25 +25,6 @@ SILENT = 300
 BOMB_BYTES, BOMB_NAMES = 8 << 20, 300  # CHAOS D5: one attachment, named so often by the index
 AHEAD = (1, 20, 1000, 3000, 200_000, 10**9, 2**31, 2**63, 2**64 - 1, 0, -1, -4000)
 SIZES = (0, 1, 8, 1376, 1378, 9000, 60_000)
-
-
-@contextlib.contextmanager
-def _repeated(act: Callable[[], object], every_s: float) -> Iterator[None]:
-    """Call `act` again and again in a thread, whatever of the network's errors it raises."""
-    over = threading.Event()
-
-    def go_on() -> None:
-        while not over.wait(every_s):
-            with contextlib.suppress(OSError, httpx.HTTPError):
-                act()
-
-    thread = threading.Thread(target=go_on)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
 
 
 @contextlib.contextmanager
@@ -69,7 +49,7 @@ def forged_states(stack: Stack) -> Iterator[None]:
                 for port in ports:
                     stranger.sendto(data, ("127.0.0.1", port))
 
-        with _repeated(send, 0.01):
+        with repeated(send, 0.01):
             yield
 
 
@@ -92,7 +72,7 @@ def idle_connections(stack: Stack) -> Iterator[None]:
             opened.append(one)
 
     try:
-        with _repeated(fill, 0.1):
+        with repeated(fill, 0.1):
             yield
     finally:
         console.rlimit(resource.RLIMIT_NOFILE, before)
@@ -124,7 +104,7 @@ def silent_peers(stack: Stack) -> Iterator[None]:
             return one
 
         opened += [begin(k) for k in range(SILENT)]
-        with _repeated(say, 1.0):
+        with repeated(say, 1.0):
             yield
 
 
@@ -166,7 +146,7 @@ def bombs_listed(stack: Stack) -> Iterator[None]:
                 if "bomb" in row["name"]:
                     viewer.get(f"/api/logs/{row['id']}")
 
-        with _repeated(ask, 1.0):
+        with repeated(ask, 1.0):
             yield
 
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -22,6 +22,25 @@ LONGEST_JOB_S = 300.0
 
 class SoakFailed(Exception):
     """The stack did not do what was asked. The message is one line."""
+
+
+@contextmanager
+def repeated(act: Callable[[], object], every_s: float) -> Iterator[None]:
+    """Call `act` again and again in a thread, whatever of the network's errors it raises."""
+    over = threading.Event()
+
+    def go_on() -> None:
+        while not over.wait(every_s):
+            with suppress(OSError, httpx.HTTPError):
+                act()
+
+    thread = threading.Thread(target=go_on)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 class Stack:
@@ -64,21 +83,9 @@ class Stack:
 
     @contextmanager
     def beating(self) -> Iterator[None]:
-        """Give the operator's signs of life meanwhile, until the console is gone."""
-        over = threading.Event()
-
-        def beat() -> None:
-            with suppress(httpx.HTTPError):
-                while not over.wait(0.2):
-                    self.client.post("/api/beat", json={}, headers=self.headers)
-
-        thread = threading.Thread(target=beat)
-        thread.start()
-        try:
+        """Give the operator's signs of life meanwhile."""
+        with repeated(lambda: self.client.post("/api/beat", json={}, headers=self.headers), 0.2):
             yield
-        finally:
-            over.set()
-            thread.join()
 
     def post(self, path: str, **body: object) -> dict:
         """Make a change. Raises SoakFailed with what the console says."""
