@@ -1,12 +1,13 @@
 """A model's URDF, checked, with this stack's names of links and joints and with the model's limits in it."""
 
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 from hal.limits import DOF, ArmLimits
 from hal.robots.bodies import DescriptionError, check_joint, linked, numbers, parsed
 
 LINKS = tuple(f"link{number}" for number in range(DOF + 2))  # base to last joint, flange
+FLANGE = LINKS[-1]
 JOINTS = tuple(f"joint{number}" for number in range(1, DOF + 2))  # the last one is fixed: the flange's
 LARGEST_NUMBER_OF_CAPSULES = 15  # of an arm; the safety judge has room for these and the pad
 HEAVIEST_ARM_KG = 200.0  # ours: 1 kg in g is more, and no joint of such an arm holds it
@@ -52,6 +53,7 @@ def described(text: str, name: str, joints: tuple[str, ...], flange: str, limits
     most = LARGEST_NUMBER_OF_CAPSULES
     if not 0 < capsules <= most:
         raise DescriptionError(f"{capsules} collision cylinders, expected 1 to {most}: each stands for a capsule")
+    _fill_origins(robot)
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")
 
@@ -60,8 +62,7 @@ def _joint(source: Element, number: int, limits: ArmLimits | None) -> Element:
     joint = Element("joint", name=JOINTS[number], type="revolute" if limits else "fixed")
     joint.append(Element("parent", link=LINKS[number]))
     joint.append(Element("child", link=LINKS[number + 1]))
-    origin = source.find("origin")
-    joint.append(origin if origin is not None else Element("origin", xyz="0 0 0", rpy="0 0 0"))
+    joint.extend(source.findall("origin"))
     if limits is not None:
         joint.append(Element("axis", xyz="0 0 1"))
         values = {"lower": limits.q_lower, "upper": limits.q_upper, "velocity": limits.dq_max, "effort": limits.tau_max}
@@ -82,3 +83,13 @@ def _link(source: Element, name: str, new: str, *, inertia: bool) -> Element:
     link = Element("link", name=new)
     link.extend(found)
     return link
+
+
+def _fill_origins(robot: Element) -> None:
+    """Write the zeros that a URDF may leave out: judge, plant, model and viewers read the same text."""
+    for part in robot.iter():
+        if part.tag in ("joint", "inertial", "visual", "collision"):
+            origin = part.find("origin")
+            if origin is None:
+                origin = SubElement(part, "origin")
+            origin.attrib = {"xyz": "0 0 0", "rpy": "0 0 0"} | origin.attrib

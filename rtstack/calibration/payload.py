@@ -7,6 +7,7 @@ import pinocchio as pin
 import scipy  # loads its statistics when they are used: half a second
 
 from hal.base.arrays import Array
+from hal.robots.description import FLANGE
 from rtstack.calibration.fit import CONFIDENCE, CalibrationError
 
 FEWEST = 3  # postures: four numbers of the load, and an offset of each joint's torque
@@ -34,7 +35,7 @@ def payload(model: pin.Model, told: tuple[float, Array], q: Array, tau_ext: Arra
     if len(q) < FEWEST:
         raise CalibrationError(f"the payload takes {FEWEST} postures at rest, not {len(q)}")
     data, still = model.createData(), np.zeros(7)
-    flange = model.frames[model.getFrameId("link8")].placement
+    flange = model.frames[model.getFrameId(FLANGE)].placement
     # of a mass and of its first moments along the axes of the last joint; those of the flange are turned against them
     to_joint = np.zeros((4, 4))
     to_joint[0, 0], to_joint[1:, 0], to_joint[1:, 1:] = 1.0, flange.translation, flange.rotation

@@ -13,6 +13,7 @@ import pinocchio as pin
 from hal.base.arrays import Array
 from hal.pad import Pad
 from hal.robots import RobotModel, robot
+from hal.robots.description import FLANGE
 from rtstack.impact_map.patch import Face, box_face
 from rtstack.impact_map.scene import Arm, Box, ReflectedInertia, joint_inertia
 from rtstack.model.arm_model import build_model, face_placement
@@ -76,7 +77,7 @@ def _arm_model(
     """Return the arm's model, its last joint, and the pad's face in that joint's frame."""
     mounting = ArmMounting("scene", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), robot_model)
     model = build_model(mounting, pad)
-    return model, model.frames[model.getFrameId("link8")].parentJoint, face_placement(mounting, pad, model)
+    return model, model.frames[model.getFrameId(FLANGE)].parentJoint, face_placement(mounting, pad, model)
 
 
 class BoxBody:

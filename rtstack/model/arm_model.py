@@ -10,6 +10,7 @@ from hal.base.arrays import Array
 from hal.compilation import bound, compiled
 from hal.pad import Pad
 from hal.robots import RobotModel
+from hal.robots.description import FLANGE
 from rtstack.model.cell_description import ArmMounting, base_frame
 
 
@@ -23,7 +24,7 @@ def flange_pose(robot: RobotModel, q: Array) -> Array:
     model = _flange_model(robot)
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.asarray(q, dtype=float))
-    return data.oMf[model.getFrameId("link8")].homogeneous.copy()
+    return data.oMf[model.getFrameId(FLANGE)].homogeneous.copy()
 
 
 def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
@@ -31,7 +32,7 @@ def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
     model = pin.Model(_flange_model(mounting.robot))
     frame = base_frame(mounting)
     model.jointPlacements[1] = pin.SE3(frame.rotation, frame.translation) * model.jointPlacements[1]
-    flange = model.frames[model.getFrameId("link8")]
+    flange = model.frames[model.getFrameId(FLANGE)]
     pad = mounting.pad or pad
     inertia, at = pin.Inertia.FromBox(pad.mass, *pad.size), flange.placement * pin.SE3(pad.F_T_box)
     if pad.centre is not None or pad.inertia is not None:
@@ -42,7 +43,7 @@ def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
 
 def face_placement(mounting: ArmMounting, pad: Pad, model: pin.Model) -> pin.SE3:
     """Return the frame of the face of an arm's own pad, or of this one, in the frame of its last joint."""
-    flange = model.frames[model.getFrameId("link8")]
+    flange = model.frames[model.getFrameId(FLANGE)]
     return flange.placement * pin.SE3((mounting.pad or pad).F_T_face)
 
 

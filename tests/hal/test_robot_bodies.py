@@ -11,6 +11,9 @@ import pytest
 
 from hal.robots import FR3, RobotError, read_robot
 from hal.robots.bodies import DescriptionError, check_joint, check_link
+from rtstack.log.viewers.solids import shapes_in
+from rtstack.safety.body import Base, Tool, arm_body
+from sim_robot.arm_description import arm_description
 from tests.support.robot_files import with_key
 
 OURS = files("hal.robots")
@@ -243,3 +246,25 @@ def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
     path = write(tmp_path, "\ufeff" + URDF)
     path.write_text("\ufeff" + path.read_text(), encoding="utf-8")
     assert read_robot(path).title == FR3.title
+
+
+@pytest.mark.parametrize("origin", ['<origin xyz="0 0 0"/>', '<origin rpy="0 0 0"/>', ""])
+def test_an_origin_may_lack_what_is_zero(tmp_path: Path, origin: str) -> None:
+    """Joint 6's, and that of a capsule of link 2: judge, plant and drawing read the same arm as with all zeros."""
+    lacking = re.sub(r'(link="link6"/>\s*)<origin xyz="0 0 0" rpy="1[^>]*/>', rf"\1{origin}", URDF)
+    lacking = lacking.replace('<collision><origin xyz="0 0 0" rpy="0 0 0"/>', f"<collision>{origin}")
+    whole = re.sub(
+        r'(link="link6"/>\s*)<origin xyz="0 0 0" rpy="1[^>]*/>', r'\1<origin xyz="0 0 0" rpy="0 0 0"/>', URDF
+    )
+    folders = tmp_path / "lacking", tmp_path / "whole"
+    bodies, arms, shapes = [], [], []
+    for folder, urdf in zip(folders, (lacking, whole), strict=True):
+        assert urdf != URDF
+        folder.mkdir()
+        found = read_robot(write(folder, urdf))
+        bodies.append(arm_body(Base(robot=found), Tool()))
+        arms.append(arm_description(found).T_parent_joint)
+        shapes.append(shapes_in(found.urdf))
+    assert bodies[0].tobytes() == bodies[1].tobytes()
+    assert arms[0].tolist() == arms[1].tolist()
+    assert shapes[0] == shapes[1]
