@@ -29,6 +29,8 @@ from rtstack.trials.controllers import DEFAULT
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.specification import TrialSpecification
 
+pytest_plugins = ["rtstack.testing"]  # as in the tests of another package
+
 
 class _NoClient(MetaPathFinder):
     """A Python for which the vendor publishes no client (pyproject.toml): what imports it is skipped, and says why."""

@@ -219,17 +219,30 @@ class FciArm:
         )  # fmt: skip
 
     def write(self, tau: Array) -> None:
-        """Answer the last state with a torque, (7,), Nm, gravity excluded. See hal.arm.Arm."""
+        """Answer the last state with a torque, (7,), Nm, gravity excluded. See hal.arm.Arm.
+
+        Raises ValueError for what is not seven numbers: no torque was sent, and the state still waits for an answer.
+        """
         if self._control is None:
+            self._set_torques(tau)  # before the robot starts
             self.start()
+        self._set_torques(tau)
         assert self._control is not None
         try:
-            self._torques.tau_J = tau  # pyright: ignore[reportAttributeAccessIssue]
             self._control.writeOnce(self._torques)
         except VENDOR as error:
             raise self._fault(error) from None
         if self.cycles is not None:
             self.cycles.answer(self.state.t_ns)
+
+    def _set_torques(self, tau: Array) -> None:
+        try:
+            self._torques.tau_J = tau  # pyright: ignore[reportAttributeAccessIssue]
+        except TypeError:
+            raise ValueError(
+                f"{self.called}: a torque is seven numbers, shape (7,), Nm; found {np.shape(tau)} of "
+                f"{type(tau).__name__}: correct what is given to write"
+            ) from None
 
     def stop(self) -> None:
         """End torque control: the robot brakes and holds. A reflex stays latched."""

@@ -3,7 +3,7 @@
 import pytest
 from playwright.sync_api import expect
 
-from rtstack.cells.simulator import Simulator
+from rtstack.testing import serve_arms
 from tests.support.real_cell import commission, write_cell_file
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(900)]
@@ -16,13 +16,10 @@ SLOW = ("--slower", "8")
 def cell_file(tmp_path_factory):
     """The file of a cell that is served, with its complete record."""
     path = tmp_path_factory.mktemp("cell") / "cell.toml"
-    simulator = Simulator("rice_box", 0.0, 3, lockstep=False, more=SLOW)
-    host, port = simulator.tracker.address
-    simulator.tracker.close()  # the stack listens there
-    write_cell_file(path, str(simulator.left), str(simulator.right), f"{host}:{port}")
-    commission(path, until="object")
-    yield path, str(simulator.left), str(simulator.right)
-    simulator.close()
+    with serve_arms(lockstep=False, seed=3, options=SLOW) as served:
+        write_cell_file(path, served.left, served.right, served.tracker)
+        commission(path, until="object")
+        yield path, served.left, served.right
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,11 +16,11 @@ import pytest
 from hal.base.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
-from rtstack.cells.simulator import Simulator
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import Interrupt
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
+from rtstack.testing import ServedArms
 from rtstack.trials.errors import TrialError
 from tests.support.campaigns import two_controllers
 from tests.support.real_cell import CALIBRATED, commission, write_cell_file
@@ -127,16 +127,10 @@ def test_the_right_set_up_gets_as_far_as_the_arms(tmp_path):
 
 
 @pytest.fixture
-def real(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+def real(served_arms: ServedArms, tmp_path: Path) -> tuple[Path, str]:
     """The file and the kind of a cell that does not say that it is simulated."""
-    simulator = Simulator("rice_box", 0.0, 3, lockstep=True)
-    host, port = simulator.tracker.address
-    path = cell_file(
-        tmp_path, (LEFT, str(simulator.left)), (RIGHT, str(simulator.right)), ("127.0.0.1:1341", f"{host}:{port}"),
-    )  # fmt: skip
-    simulator.tracker.close()  # the command listens there
-    yield path, f"fci:{simulator.left},{simulator.right}"
-    simulator.close()
+    places = ((LEFT, served_arms.left), (RIGHT, served_arms.right), ("127.0.0.1:1341", served_arms.tracker))
+    return cell_file(tmp_path, *places), served_arms.cell
 
 
 def at_a_terminal(command: list[str], until: Callable[[str], bool], name: str = "grab") -> tuple[int, str]:

@@ -7,26 +7,18 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rtstack.cells.simulator import Simulator
+from rtstack.testing import ServedArms, serve_arms
 
 if TYPE_CHECKING:  # it brings pylibfranka, which not every Python has
     from hal.fci import FciPair
 
 
 @pytest.fixture
-def simulator() -> Iterator[Simulator]:
-    """A lockstep server of the test's own, whose plant has not moved yet."""
-    simulator = Simulator("rice_box", 0.0, 3, lockstep=True)
-    yield simulator
-    simulator.close()
-
-
-@pytest.fixture
-def pair(simulator: Simulator) -> Iterator["FciPair"]:
+def pair(served_arms: ServedArms) -> Iterator["FciPair"]:
     """Both arms of that server, idle."""
     from hal.fci import open_pair
 
-    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
+    pair = open_pair(served_arms.left, served_arms.right, shared_clock=True)
     yield pair
     pair.close()
 
@@ -39,12 +31,11 @@ def scripted(tmp_path: Path) -> Callable[[str], AbstractContextManager["FciPair"
     @contextmanager
     def served(script: str) -> Iterator["FciPair"]:
         (tmp_path / "script.toml").write_text(script)
-        simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=tmp_path / "script.toml")
-        pair = open_pair(simulator.left, simulator.right, shared_clock=True)
-        try:
-            yield pair
-        finally:
-            pair.close()
-            simulator.close()
+        with serve_arms(faults=tmp_path / "script.toml") as served:
+            pair = open_pair(served.left, served.right, shared_clock=True)
+            try:
+                yield pair
+            finally:
+                pair.close()
 
     return served

@@ -1,5 +1,6 @@
 """The adapter against the real server, through the real client library."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -7,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from hal.fci.faults import names_in
 from hal.pad import Pad
 from hal.state import ARM_STATE, RobotMode
 from rtstack.cells.simulator import Simulator
+from rtstack.testing import ServedArms
 from sim_robot.cell import simulated_cell
 from tests.support.fci.server import addresses, serve
 
@@ -66,7 +68,7 @@ def test_an_arm_is_connected_to_while_other_threads_open_connections_of_their_ow
 
 
 def test_the_first_state_is_the_one_of_the_plant_in_this_process(pair: FciPair):
-    direct = simulated_cell("rice_box", 0.0, 3)
+    direct = simulated_cell("rice_box", 0.0, 0)
     for arm, twin in ((pair.left, direct.left), (pair.right, direct.right)):
         state, expected = arm.read(), twin.read()
         assert state.robot_mode == RobotMode.IDLE
@@ -145,11 +147,11 @@ def test_stop_and_close_may_be_called_twice(pair: FciPair):
             arm.read()
 
 
-def test_a_server_that_dies_is_a_lost_connection(pair: FciPair, simulator: Simulator):
+def test_a_server_that_dies_is_a_lost_connection(pair: FciPair, served_arms: ServedArms):
     pair.start()
     answer_both(pair, STEP)
-    simulator.close()
-    with pytest.raises(ConnectionLost, match=simulator.left):
+    os.kill(served_arms.pid, signal.SIGKILL)
+    with pytest.raises(ConnectionLost, match=served_arms.left):
         answer_a_few(pair, STEP)
     with pytest.raises(ConnectionLost, match="was lost"):
         pair.left.write(STEP)
@@ -185,19 +187,31 @@ def test_nobody_at_the_address():
     assert "\n" not in str(caught.value)
 
 
-def test_the_pad_is_told_once_and_another_tool_is_refused(simulator: Simulator):
-    known = FciArm(simulator.left, PAD)
+def test_the_pad_is_told_once_and_another_tool_is_refused(served_arms: ServedArms):
+    known = FciArm(served_arms.left, PAD)
     assert known.read().O_T_EE[2, 3] == pytest.approx(0.26, abs=1e-3)
     known.close()
     with pytest.raises(HardwareError, match=r"Desk has an end effector of 0\.350 kg, the tool weighs 0\.700 kg"):
-        FciArm(simulator.right, Pad((0.1, 0.1, 0.03), 0.70, 0.03))
+        FciArm(served_arms.right, Pad((0.1, 0.1, 0.03), 0.70, 0.03))
 
 
-def test_an_end_effector_elsewhere_moves_the_pose(simulator: Simulator):
-    pose = FciArm(simulator.left, PAD)
+def test_what_is_no_torque_is_refused_in_one_line_before_the_robot_starts(served_arms: ServedArms):
+    with closing(FciArm(served_arms.left)) as arm:
+        arm.read()
+        for torque in (np.zeros(6), np.zeros((7, 1)), None, "0", [0.0] * 6 + [None]):
+            with pytest.raises(ValueError, match=rf"{served_arms.left}: .* seven numbers.*found") as refused:
+                arm.write(torque)
+            assert "\n" not in str(refused.value)
+            assert not arm.in_motion
+        arm.write(np.zeros(7))  # the state still waits for an answer
+        assert arm.in_motion
+
+
+def test_an_end_effector_elsewhere_moves_the_pose(served_arms: ServedArms):
+    pose = FciArm(served_arms.left, PAD)
     face = pose.read().O_T_EE.copy()
     pose.close()
-    further = FciArm(simulator.left, Pad((0.1, 0.1, 0.03), 0.35, 0.05))
+    further = FciArm(served_arms.left, Pad((0.1, 0.1, 0.03), 0.35, 0.05))
     assert np.linalg.inv(face) @ further.read().O_T_EE == pytest.approx(
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1]]), abs=1e-6
     )

@@ -53,14 +53,8 @@ def test_another_protocol_is_one_line_that_says_what_to_do(box: tuple[str, int])
     assert "http" not in said
 
 
-def test_the_simulated_box_answers_another_version_as_a_box_does():
+def test_the_simulated_box_answers_another_version_as_a_box_does(served_arms):
     """What is refused above is refused by the simulated robot, too: a client of version 9 gets status 1 and 10."""
-    from rtstack.cells.simulator import Simulator
-
-    simulator = Simulator("", 0.0, 1, lockstep=True)
-    try:
-        with socket.create_connection((str(simulator.left), PORT)) as client:
-            client.sendall(struct.pack("<IIIHH", 0, 1, 16, 9, 40_000))
-            assert struct.unpack("<IIIBH", client.recv(15, socket.MSG_WAITALL))[3:] == (1, VERSION)
-    finally:
-        simulator.close()
+    with socket.create_connection((served_arms.left, PORT)) as client:
+        client.sendall(struct.pack("<IIIHH", 0, 1, 16, 9, 40_000))
+        assert struct.unpack("<IIIBH", client.recv(15, socket.MSG_WAITALL))[3:] == (1, VERSION)

@@ -15,6 +15,7 @@ from hal.tracker_link import NoTracker
 from rtstack.cells.simulator import Simulator
 from rtstack.live.idle import IdleView
 from rtstack.log.ring import Rings
+from rtstack.testing import ServedArms
 
 PAD = Pad((0.1, 0.1, 0.03), 0.35, 0.03)
 
@@ -34,24 +35,24 @@ def trip(pair: FciPair) -> None:
         serve()
 
 
-def test_an_arm_that_is_opened_in_reflex_says_so_and_recovers(simulator: Simulator):
-    first = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
+def test_an_arm_that_is_opened_in_reflex_says_so_and_recovers(served_arms: ServedArms):
+    first = open_pair(served_arms.left, served_arms.right, (PAD, PAD), shared_clock=True)
     trip(first)
     first.close()
-    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
+    pair = open_pair(served_arms.left, served_arms.right, (PAD, PAD), shared_clock=True)
     assert pair.left.reflex() == ("controller_torque_discontinuity",)
     assert pair.right.reflex() == ()
     with pytest.raises(CommandRejected, match="controller_torque_discontinuity"):
         pair.left.read()
     (line,) = pair.recover()
-    assert line == f"the left arm at {simulator.left} has recovered from controller_torque_discontinuity"
+    assert line == f"the left arm at {served_arms.left} has recovered from controller_torque_discontinuity"
     assert pair.left.read().robot_mode == RobotMode.IDLE
     assert pair.recover() == ()
     pair.close()
 
 
-def test_a_recovery_is_not_armed_for_the_next_error(simulator: Simulator):
-    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
+def test_a_recovery_is_not_armed_for_the_next_error(served_arms: ServedArms):
+    pair = open_pair(served_arms.left, served_arms.right, shared_clock=True)
     assert pair.recover() == ()
     trip(pair)
     pair.left.stop()

@@ -9,7 +9,8 @@ from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.fci import open_pair
 from hal.pad import Pad
-from rtstack.cells.simulator import Simulator
+from hal.tracker_link import NoTracker
+from rtstack.testing import ServedArms
 from rtstack.trials import carry_out as carried
 from rtstack.trials.move import PreparedMove
 from rtstack.trials.run_context import RunContext
@@ -20,10 +21,10 @@ from rtstack.trials.trial import prepare_trial, run_trial
 PAD = Pad((0.1, 0.1, 0.03), 0.35, 0.03)
 
 
-def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(simulator: Simulator, cell, demonstration):
+def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(served_arms: ServedArms, cell, demonstration):
     prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell)
-    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
-    opened = Cell("fci", pair.left, pair.right, simulator.tracker, pair, own_clocks=True)
+    pair = open_pair(served_arms.left, served_arms.right, (PAD, PAD), shared_clock=True)
+    opened = Cell("fci", pair.left, pair.right, NoTracker(), pair, own_clocks=True)
     elsewhere = np.stack([arm.read().q.copy() for arm in (pair.left, pair.right)])
     elsewhere[0, 0] -= 0.2
     way = start_motion(opened, cell, "rice_box", 0.0, prepared.reference.ante[:, 0])

@@ -14,7 +14,6 @@ from hal.cell import Cell
 from hal.fci.pair import STALE_IN_LOCKSTEP_S
 from hal.limits import CollisionBehaviour
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.cells.simulator import Simulator
 from rtstack.control.watch import FREE_AFTER_S
 from rtstack.identification.sweep import sweep
 from rtstack.log.reader import Log, read_log
@@ -23,6 +22,7 @@ from rtstack.playback.run import prepare_playback
 from rtstack.references.source import load_reference
 from rtstack.safety.limits import FORCES_BY_PHASE, ForcePhase
 from rtstack.samples import Mode
+from rtstack.testing import ServedArms
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.motion import run_motion
@@ -184,14 +184,12 @@ class Relay:
 
 
 @pytest.fixture
-def relays(tmp_path: Path) -> Iterator[tuple[Simulator, Relay, Relay]]:
+def relays(served_arms: ServedArms, tmp_path: Path) -> Iterator[tuple[Relay, Relay]]:
     """A simulated robot in lockstep, behind two relays."""
-    simulator = Simulator("rice_box", 0.0, 0, lockstep=True)
-    both = Relay(simulator.left, tmp_path / "left"), Relay(simulator.right, tmp_path / "right")
-    yield simulator, *both
+    both = Relay(served_arms.left, tmp_path / "left"), Relay(served_arms.right, tmp_path / "right")
+    yield both
     for relay in both:
         relay.close()
-    simulator.close()
 
 
 def upper(thresholds: np.ndarray) -> tuple[list[float], list[float]]:
@@ -206,14 +204,11 @@ def as_told(behaviour: CollisionBehaviour) -> tuple[list[float], list[float]]:
     return list(behaviour.collision_torques), list(behaviour.collision_forces)
 
 
-def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(cell, demonstration, relays, monkeypatch):
+def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(served_arms, demonstration, relays, monkeypatch):
     # nothing is late in lockstep, but this machine
     monkeypatch.setattr("hal.fci.pair.STALE_S", STALE_IN_LOCKSTEP_S)
     monkeypatch.setattr("rtstack.loop.watchdogs.OVERRUN_TICKS", 10_000)
-    simulator, *both = relays
-    host, port = simulator.tracker.address
-    simulator.tracker.close()
-    described = replace(cell, tracker=replace(cell.tracker, address=f"{host}:{port}"))
+    both, described = relays, served_arms.description
     for side, relay in zip(("left", "right"), both, strict=True):
         described = replace(described, **{side: replace(getattr(described, side), address=relay.address)})
     prepared = prepare_trial(TrialSpecification(str(demonstration.path)), described)

@@ -11,7 +11,6 @@ from hal.fci import ask_for_urdf, limits_in
 from hal.limits import OwnLimits
 from hal.robots import FER, FR3
 from rtstack.cells import open_cell
-from rtstack.cells.simulator import Simulator
 from rtstack.safety.limits import HARDWARE, control_limits, within_own
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import check_models, difference_of_limits, limits_of_arms, limits_of_cell
@@ -102,21 +101,11 @@ def test_an_arm_of_another_model_is_refused(cell):
         check_models(described, (own(), own()))
 
 
-@pytest.fixture
-def robot():
-    simulator = Simulator("rice_box", 0.0, 0, lockstep=True)
-    yield simulator
-    simulator.close()
-
-
-def test_a_robot_is_asked_when_it_is_connected_to(cell, robot):
-    host, port = robot.tracker.address
-    robot.tracker.close()
-    described = replace(cell, tracker=replace(cell.tracker, address=f"{host}:{port}"))
-    urdf = ask_for_urdf(robot.left)
+def test_a_robot_is_asked_when_it_is_connected_to(served_arms):
+    urdf = ask_for_urdf(served_arms.left)
     for name in NAMES:
         np.testing.assert_allclose(getattr(limits_in(urdf, "it"), name), getattr(FR3.limits, name), atol=1e-9)
-    arms = open_cell(f"fci:{robot.left},{robot.right}", "rice_box", 0.0, 0, described)
+    arms = open_cell(served_arms.cell, "rice_box", 0.0, 0, served_arms.description)
     try:
         assert arms.warning == ""
         assert arms.own_limits is not None
