@@ -10,9 +10,8 @@ from hal.wire import ROBOT_COMMAND
 from sim_robot.arm_description import JOINTS
 from sim_robot.control_box import ControlBox
 from sim_robot.fci import joint_motion
-from sim_robot.fci.cartesian_motion import CMG_VELOCITY_JUMP, follow_cartesian
+from sim_robot.fci.cartesian_motion import CMG_VELOCITY_JUMP, follow_cartesian, inverse_step, sine_between, turn
 from sim_robot.fci.joint_motion import DT, JOINT_VELOCITY
-from sim_robot.fci.pose_step import inverse_step, sine_between, turn
 from sim_robot.fci.protocol import Controller, Generator
 from sim_robot.fci.robot_state import ELBOW_FLIP, MOTION_RECORD, product
 from sim_robot.kinematics import KINEMATICS_RECORD, cholesky, forward_kinematics, gram, solve

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from hal.base.arrays import Array
 from reality.comparison import Finding
-from sim_robot.contact import POINTS_PER_FACE, series
+from sim_robot.model import POINTS_PER_FACE, series
 
 HALF_WIDTH_M = 0.0524  # README of the set: lengths are in half widths
 PERIOD_S = 1.0 / 148.0  # experiment.json of the set, as is the mass
@@ -66,7 +66,7 @@ def tossed(contact: Sequence[float] | Array, toss: Array) -> Array:
     friction, stiffness, ratio = contact
     model = _scene()
     damping = 2.0 * ratio * np.sqrt(stiffness * MASS_KG)
-    share = (1.0 - IMPEDANCE) * model.body_invweight0[1, 0] / POINTS_PER_FACE  # see sim_robot.contact
+    share = (1.0 - IMPEDANCE) * model.body_invweight0[1, 0] / POINTS_PER_FACE  # see sim_robot.model
     model.geom_friction[:, 0] = friction
     model.geom_solref[:] = (-stiffness * share, -damping * share)
     model.geom_solimp[:] = (IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0)
