@@ -2,7 +2,7 @@
 
 import contextlib
 
-from console.live.desk_watch import DeskWatch
+from console.live.watch import DeskWatch
 from hal.desk import Trust
 from hal.desk.power import start, stop
 from tests.support.console.client import wait_for
