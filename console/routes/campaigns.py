@@ -23,8 +23,7 @@ from console.queue.entry import MOST_SHIFT_MM, Numbers, numbers
 from console.routes.problems import attachment, file_of, problems
 from console.sign_in import UserSession
 from hal.base.configuration import ConfigurationError
-from rtstack.experiments.own_plans import keep_plan, own_plans, plan_folder
-from rtstack.experiments.registry import installed_plans, kind_named, kind_of
+from rtstack.experiments.registry import installed_plans, keep_plan, kind_named, kind_of, own_plans, plan_folder
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Phase
 from rtstack.messages import MESSAGE, NUMBER, StrictBool

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from distributed import Client, LocalCluster
 
-from rtstack.experiments.admission import Admission
 from rtstack.experiments.archive import Archive
 from rtstack.experiments.version import present
+from rtstack.experiments.workers import Admission
 from rtstack.trials.errors import TrialError
 
 NOT_PERMITTED = 3  # exit status of the script where there can be no namespaces
