@@ -1,7 +1,7 @@
 """`rtstack plan --watch`: the monitor of a plan, made from runs of the plan itself on the simulated cell.
 
-What is expected is the plan's own (rtstack.references.impact). How far a good run may be from that only runs can say:
-sensors, friction, placement (up to SHIFTED_MM along y) and what vibrates after an impact are in no plan.
+What is expected is the plan's own (rtstack.references.recording). How far a good run may be from that only runs can
+say: sensors, friction, placement (up to SHIFTED_MM along y) and what vibrates after an impact are in no plan.
 """
 
 from contextlib import closing

@@ -8,13 +8,17 @@ It ends on SIGTERM, and when its standard input closes, so that it never outlive
 import contextlib
 import os
 import signal
+import socket
+import socketserver
 import sys
 import threading
 import traceback
 from collections.abc import Iterable
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as RecoveryTimeout
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 
@@ -26,14 +30,26 @@ from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, Unknown
 from hal.state import ARM_STATE
 from rtstack.control.parameters import DetectorParameters
 from rtstack.live.audit import FILE_NAME, AuditTrail
-from rtstack.live.client import SOCKET_NAME
+from rtstack.live.client import SOCKET_NAME, peer_uid
 from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
 from rtstack.live.jobs import Jobs
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
-from rtstack.live.protocol import JobState, RunRequest
-from rtstack.live.service import Service
+from rtstack.live.protocol import (
+    MAX_LINE_BYTES,
+    Answer,
+    ControlRequest,
+    JobState,
+    NoteRequest,
+    ProtocolError,
+    Request,
+    RunRequest,
+    StatusRequest,
+    TakeRequest,
+    decode_request,
+    encode,
+)
 from rtstack.live.source import CellSource, live_source
 from rtstack.live.standalone import RINGS, claim, process_arguments
 from rtstack.log.errors import LogError
@@ -41,6 +57,7 @@ from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
+from rtstack.safety.arming import Refused
 from rtstack.safety.judge import Cause
 from rtstack.samples import ARM_SAMPLE, Level
 from rtstack.trials.assembly import safety_judges
@@ -48,6 +65,107 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
 from rtstack.trials.record import free_name
 from rtstack.trials.run_context import RunEvent
+
+# of both arms at once: a real one takes 0.7 to more than 12 s (GitHub, franka_ros issues 317 and 308)
+_RECOVERY_TIMEOUT_S = 30.0
+_MOST_CONNECTIONS = 64  # a thread each; a console has four
+_WATCH_S = 0.05  # period of the calls to the control authority
+
+
+class Service:
+    """Serves a job manager at a Unix-domain socket that only this user can open: threads that never touch an arm.
+
+    It calls the control authority regularly, so that a lease ends without a request. Its threads have raised priority.
+    """
+
+    def __init__(self, job_manager: JobManager, path: Path, pulse: Pulse | None = None) -> None:
+        self._path = path
+        mask = os.umask(0o177)  # the socket is ours alone from the first moment on
+        try:
+            self._server = _Server(str(path), _Handler)
+        finally:
+            os.umask(mask)
+        self._server.job_manager, self._server.pulse = job_manager, pulse
+        threading.Thread(target=self._serve, daemon=True, name="service").start()
+
+    def _serve(self) -> None:
+        beside_realtime()
+        self._server.serve_forever(_WATCH_S)
+
+    def close(self) -> None:
+        """Stop serving and remove the socket."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._path.unlink(missing_ok=True)
+
+
+class _Server(socketserver.ThreadingUnixStreamServer):
+    daemon_threads = True
+    request_queue_size = 1024  # a full queue refuses at once
+    job_manager: JobManager
+    pulse: Pulse | None
+
+    def __init__(self, *arguments: Any) -> None:
+        self.waiting: dict[socket.socket, None] = {}  # connections without an open request, the longest first
+        super().__init__(*arguments)
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Called by serve_forever: only programs of this user, and of root, are served, and so many at a time."""
+        if peer_uid(request) not in (0, os.geteuid()):
+            return False
+        self.waiting[request] = None
+        if len(self.waiting) > _MOST_CONNECTIONS:
+            longest = next(iter(self.waiting))
+            del self.waiting[longest]
+            with contextlib.suppress(OSError):
+                longest.shutdown(socket.SHUT_RDWR)  # its thread ends
+        return True
+
+    def service_actions(self) -> None:
+        """Called by serve_forever about once in _WATCH_S, whatever is asked."""
+        self.job_manager.authority.watch()
+        if self.pulse is not None:
+            self.pulse.look()
+
+
+class _Handler(socketserver.StreamRequestHandler):
+    def handle(self) -> None:
+        beside_realtime()
+        assert isinstance(self.server, _Server)
+        with contextlib.suppress(ConnectionError):
+            while line := self.rfile.readline(MAX_LINE_BYTES):
+                self.server.waiting.pop(self.request, None)
+                self.wfile.write(encode(answer(self.server.job_manager, line)))
+                self.server.waiting[self.request] = None
+        self.server.waiting.pop(self.request, None)
+
+
+def answer(job_manager: JobManager, line: bytes) -> Answer:
+    """Return the answer to the request on a line. Never raises: what is wrong becomes the answer's error."""
+    try:
+        _act(job_manager, decode_request(line))
+        return Answer(status=job_manager.status())
+    except (ProtocolError, Refused, HardwareError) as error:
+        return Answer(error=str(error))
+    except RecoveryTimeout:
+        return Answer(error=f"no answer from the robot within {_RECOVERY_TIMEOUT_S:g} s")
+
+
+def _act(job_manager: JobManager, request: Request) -> None:
+    match request:
+        case StatusRequest():
+            pass  # it is what every answer carries
+        case TakeRequest():
+            job_manager.authority.take(request.operator, request.over_from)
+        case NoteRequest():
+            job_manager.authority.note(request.operator, request.text, request.failed)
+        case ControlRequest(verb="recover"):
+            job_manager.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
+        case ControlRequest():
+            getattr(job_manager.authority, request.verb)(request.operator)
+        case _:
+            job_manager.order(request)
+
 
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with

@@ -19,7 +19,7 @@ from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.job_manager import JobManager
 from rtstack.live.protocol import JobState, RunRequest
-from rtstack.live.service import Service
+from rtstack.live.robot import Service
 from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.log_folder.catalogue import entry_of

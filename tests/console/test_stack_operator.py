@@ -8,7 +8,7 @@ import pytest
 
 from rtstack.cli.stack_operator import StackOperator
 from rtstack.live.client import SOCKET_NAME
-from rtstack.live.service import Service
+from rtstack.live.robot import Service
 from rtstack.live.standalone import RINGS
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description

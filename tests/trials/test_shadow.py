@@ -10,8 +10,8 @@ from hal.errors import CommandRejected
 from rtstack.cells import load_description, open_cell
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
+from rtstack.trials.carry_out import shadow_of
 from rtstack.trials.errors import TrialError
-from rtstack.trials.shadow import shadow_of
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial
 from tests.support.runs import demonstrate

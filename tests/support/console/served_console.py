@@ -23,7 +23,7 @@ from deploy import cells
 from rtstack.access.tokens import Scope
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.job_manager import JobManager
-from rtstack.live.service import Service
+from rtstack.live.robot import Service
 from rtstack.live.source import live_source
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
