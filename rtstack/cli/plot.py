@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from rtstack.figures.log_figure import FigureLog, Pane
 
 commands = typer.Typer()
-_AROUND_S = (0.2, 0.3)  # before and after the first impact: the papers' figures
 _FACTS = ("kind", "object", "controller", "displacement_mm", "seed", "success", "failure_reason", "impact_verdict",
           "average_force_norm", "peak_force_norm", "max_lift_mm", "cell", "git_commit")  # fmt: skip
 _POINTS = 3000  # of each curve, for the values at the pointer: the drawing has all of them
@@ -51,7 +50,7 @@ def plot(
     align: Annotated[bool, typer.Option(help="Several logs with their first impacts at one time.")] = True,
 ) -> None:
     """Draw curves of a log, or of up to five above each other; without signals the pads' forces and velocities."""
-    from rtstack.figures.log_data import figure_log, with_references
+    from rtstack.figures.log_data import figure_log, window, with_references
     from rtstack.figures.log_figure import MOST_LOGS, aligned, draw
     from rtstack.figures.style import save
     from rtstack.log.analysis.signals import DEFAULT, matching, signals
@@ -77,7 +76,7 @@ def plot(
             logs.append(figure_log(path, wanted))
     if align:
         logs = aligned(logs)
-    first, last = _window(logs[0], start, end, impact)
+    first, last = window(logs[0], start, end, impact)
     if target.suffix == ".webp":
         from rtstack.cli.animation import animate
 
@@ -109,22 +108,6 @@ def _target(log: Path, kind: str | None, output: Path | None) -> Path:
     if kind not in (None, suffix):
         raise LogError(f"--{kind} and {output} say different things: give one of them")
     return output
-
-
-def _window(log: "FigureLog", start_s: float | None, end_s: float | None, impact: bool) -> tuple[float, float]:
-    ends = [float(trace.t_s[-1]) for trace in log.traces if len(trace.t_s)]
-    if not ends:
-        raise LogError(f"{log.name}: it has no samples of these signals")
-    first, last = 0.0, max(ends)
-    if impact:
-        if not log.impacts:
-            raise LogError(f"{log.name}: there was no impact in it; give --from and --to")
-        hit_s = min(t_s for t_s, _ in log.impacts)
-        first, last = max(first, hit_s - _AROUND_S[0]), min(last, hit_s + _AROUND_S[1])
-    first, last = first if start_s is None else start_s, last if end_s is None else end_s
-    if not first < last:
-        raise LogError(f"--from {first:g} has to be before --to {last:g}")
-    return first, last
 
 
 def _facts(path: Path) -> Mapping[str, str]:

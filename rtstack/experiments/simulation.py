@@ -1,16 +1,17 @@
 """A run on arms, on a simulated cell in a worker: a kind of experiment says each of its runs once."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hal.cell import Cell
-from rtstack.cells import load_description, open_cell
+from hal.displacement import Displacement
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.experiments.case_log import row_of
 from rtstack.experiments.experiment import Case, CellRun, Experiment, Row, Task
-from rtstack.trials.carry_out import Host, PreparedRun, carry_out
+from rtstack.trials.carry_out import Host, PreparedRun, R, carry_out
 from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 
@@ -40,16 +41,30 @@ class WorkerHost(Host):
 
 def simulate(planned: CellRun, kind: str, cell_file: Path | None = None) -> str | None:
     """Carry out a run on a simulated cell of a kind; returns why it failed, None for a success."""
-    run, asked, file = planned.run, planned.run.specification, load_description(cell_file, kind)[1]
-    planned.log.parent.mkdir(exist_ok=True)
-    planned.log.unlink(missing_ok=True)
+    run, log = planned.run, planned.log
+    log.parent.mkdir(exist_ok=True)
+    log.unlink(missing_ok=True)
+    return simulated(run, kind, cell_file, log, planned.record, planned.wanted).failure_reason
+
+
+def simulated(
+    run: PreparedRun[R], kind: str, cell_file: Path | None, log: Path | None, record: Mapping[str, str] | None = None,
+    displacement: Displacement | None = None,
+) -> R:  # fmt: skip
+    """Carry out a run on a cell that is opened for it, and return its result. cell_file: of the run's description.
+
+    log: the file to write, None for none; record: what it has of a campaign. displacement: by default the run's.
+    """
+    asked, file = run.specification, cell_file or default_cell_file()
 
     def opened(run: PreparedRun[Any]) -> Cell:
-        wanted = planned.wanted or run.displacement
+        wanted = displacement or run.displacement
         return open_cell(kind, asked.object, wanted, asked.seed, run.description, None, run.noise_seed, cell_file)
 
-    host = WorkerHost(opened, lambda run, cell: run.open_log(planned.log, kind, file, cell, planned.record))
-    return carry_out(run, host).failure_reason
+    def kept(run: PreparedRun[Any], cell: Cell) -> RunLog | None:
+        return None if log is None else run.open_log(log, kind, file, cell, record)
+
+    return carry_out(run, WorkerHost(opened, kept))
 
 
 def simulated_tasks(experiment: Experiment[Any, Any], cases: Sequence[Case]) -> list[Task]:

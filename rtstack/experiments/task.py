@@ -4,10 +4,15 @@ import atexit
 import gc
 import hashlib
 import os
+import signal
+import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
+from multiprocessing import resource_tracker
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from rtstack.trials.provenance import git_commit
@@ -17,6 +22,19 @@ Sources = tuple[tuple[Path, str], ...]
 
 class WorkerMismatch(Exception):
     """A worker that would compute something else than the others: it has other files."""
+
+
+@contextmanager
+def starting() -> Iterator[None]:
+    """Start worker processes: Ctrl-C does not reach them, and a script is not run anew in each."""
+    resource_tracker.ensure_running()  # its first start would unblock the signals in the thread that needs it
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def digests(paths: Iterable[Path]) -> Sources:

@@ -2,13 +2,10 @@
 
 import logging
 import os
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from multiprocessing import resource_tracker
-from types import ModuleType
 from typing import Any
 
 import dask.config
@@ -16,6 +13,7 @@ from distributed import Client, Future, LocalCluster, Status, Worker
 from distributed.security import Security
 
 from hal.base.shared import private_folder
+from rtstack.experiments.task import starting
 from rtstack.experiments.version import present
 from rtstack.trials.errors import TrialError
 
@@ -126,7 +124,6 @@ _SETTINGS = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": _KEPT_BYTES,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": _KEPT_BYTES,
 }
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
@@ -143,10 +140,7 @@ def local_workers(workers: int) -> Iterator[Client]:
         dask.config.set(_SETTINGS | {"temporary-directory": str(folder)}),
         _quiet(),
     ):
-        resource_tracker.ensure_running()  # its first start would unblock the signals in the thread that needs it
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
-        main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")  # or a worker runs a script anew
-        try:
+        with starting():
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, host=LOOPBACK, silence_logs=logging.CRITICAL,
                 protocol="tls://", security=Security.temporary(),
@@ -154,9 +148,6 @@ def local_workers(workers: int) -> Iterator[Client]:
                 scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
             )  # fmt: skip
             client = Client(cluster, timeout=CONNECT_S)
-        finally:
-            sys.modules["__main__"] = main
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         try:
             yield client
         finally:

@@ -12,10 +12,12 @@ from rtstack.figures.log_figure import FigureLog, Trace
 from rtstack.log.analysis.derived import DERIVED_TOPICS, derived
 from rtstack.log.analysis.mode_spans import mode_spans
 from rtstack.log.analysis.signals import Signal, signals
+from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.samples import SIDES
 
 _NS = 1e-9
+_AROUND_S = (0.2, 0.3)  # before and after the first impact: the papers' figures
 
 
 def figure_log(path: Path, wanted: Sequence[Signal]) -> FigureLog:
@@ -41,6 +43,23 @@ def impacts_of(log: Log) -> tuple[tuple[float, str], ...]:
 def with_references(wanted: Sequence[Signal]) -> list[Signal]:
     """Return signals, and behind them what they are to follow, each once."""
     return list(dict.fromkeys([*wanted, *(signals()[signal.reference] for signal in wanted if signal.reference)]))
+
+
+def window(log: FigureLog, start_s: float | None, end_s: float | None, impact: bool) -> tuple[float, float]:
+    """Return from when to when a figure shows a log, s; impact: around its first impact. Raises LogError."""
+    ends = [float(trace.t_s[-1]) for trace in log.traces if len(trace.t_s)]
+    if not ends:
+        raise LogError(f"{log.name}: it has no samples of these signals")
+    first, last = 0.0, max(ends)
+    if impact:
+        if not log.impacts:
+            raise LogError(f"{log.name}: there was no impact in it; give --from and --to")
+        hit_s = min(t_s for t_s, _ in log.impacts)
+        first, last = max(first, hit_s - _AROUND_S[0]), min(last, hit_s + _AROUND_S[1])
+    first, last = first if start_s is None else start_s, last if end_s is None else end_s
+    if not first < last:
+        raise LogError(f"--from {first:g} has to be before --to {last:g}")
+    return first, last
 
 
 def arm_of(text: str) -> str:

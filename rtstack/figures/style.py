@@ -1,5 +1,6 @@
 """How all figures look: Matplotlib without a display, and colours that can be told apart."""
 
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -28,9 +29,18 @@ FORMATS = ("pdf", "svg", "png")
 _UNSAID = {"pdf": ("Creator", "Producer", "CreationDate"), "svg": ("Creator", "Date"), "png": ("Software",)}
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows; Matplotlib's own needs pyplot for that."""
+
+    def _repr_png_(self) -> bytes:
+        picture = BytesIO()
+        save(self, picture, "png")
+        return picture.getvalue()
+
+
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
     """Return a figure of so many inches and its axes, always a matrix."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(squeeze=False, **grid)
 
 

@@ -27,7 +27,7 @@ from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES, LawInertia
-from rtstack.trials.controllers import CONTROLLERS
+from rtstack.trials.controllers import controller_package
 from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import DemonstrationSpecification, Specification, TrialSpecification
@@ -265,7 +265,7 @@ def _versions(specification: Specification) -> dict[str, str]:
     versions = package_versions()
     if not isinstance(specification, TrialSpecification):
         return versions
-    package, version = CONTROLLERS.package(specification.controller)
+    package, version = controller_package(specification.controller)
     return {package: version} | versions
 
 

@@ -4,6 +4,7 @@ The command line, HTTP, the queue, campaigns and the log's metadata use these cl
 here and nowhere else: its type states its limits, its default what an older log or program means.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from enum import StrEnum
@@ -68,7 +69,7 @@ class _Asked:
     @property
     def log_stem(self) -> str:
         """What the name of its log contains besides the time."""
-        return self.stem.format(self)
+        return re.sub(r"[^\w.=-]+", "_", self.stem.format(self))  # a Python object's name has other characters, too
 
     @property
     def practice(self) -> bool:

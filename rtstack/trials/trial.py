@@ -21,9 +21,9 @@ from rtstack.references.source import load_reference
 from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level, Mode, Reaction
-from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters, with_law
+from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, arm_controllers, cell_parameters, with_law
 from rtstack.trials.carry_out import PreparedRun
-from rtstack.trials.controllers import controller_factory
+from rtstack.trials.controllers import OwnController, controller_factory
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
 from rtstack.trials.followed import Followed
@@ -93,10 +93,13 @@ def prepare_trial(
     description: CellDescription,
     parameters: Parameters | None = None,
     monitor: PairParameters | None = None,
+    controller: ControllerFactory | None = None,
 ) -> PreparedTrial:
     """Read and check what a trial needs. monitor: by default what the plan brings, or the object's tuning. The result's
-    specification names the inertia of the law, also where the cell or `parameters` decided. Raises TrialError with one
-    line, also for a reaction that nothing could start."""
+    specification names the inertia of the law, also where the cell or `parameters` decided. controller: in the place
+    of the specification's. Raises TrialError with one line, also for a reaction that nothing could start."""
+    if controller is not None:
+        specification = replace(specification, controller=OwnController(controller))
     parameters = with_law(parameters or cell_parameters(description), specification.law_inertia)
     specification = replace(specification, law_inertia=parameters.inertia.law_inertia)
     check_object(specification.object, description)
@@ -196,6 +199,7 @@ def run_trial(
                 said["impact_reason"] = monitor.reason.name.lower()
         return run.finished(
             TrialResult, reason, specification, outcome, values, object_observed=values.seen,
+            controller=str(specification.controller),
             nominal_impact_time_s=reference.nominal_impact_s, real_time_factor=round(outcome.real_time_factor, 3),
             impact_kind=None if run.kind is None else str(run.kind), **said,
         )  # fmt: skip
