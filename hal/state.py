@@ -57,6 +57,7 @@ ARM_STATE_FIELDS = (
     Field("current_errors", "Active errors, by the vendor's names.", bits=ROBOT_ERRORS, plotted=False),
 )  # fmt: skip
 ARM_STATE = record_of(ARM_STATE_FIELDS)
+"""The record of a state: t_ns (robot's time, ns), then the fields with libfranka's names and units."""
 
 
 @dataclass(frozen=True, slots=True)

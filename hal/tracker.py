@@ -19,6 +19,7 @@ OBJECT_POSE_FIELDS = (
     Field("seen", "0 until the tracker has seen the object.", kind="i8", plotted=False),
 )
 OBJECT_POSE = record_of(OBJECT_POSE_FIELDS)
+"""The record of a pose: t_ns, position (3,) m and orientation_wxyz (4,) in the world, seen."""
 
 
 @dataclass(frozen=True, slots=True)

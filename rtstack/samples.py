@@ -11,6 +11,7 @@ from hal.state import ARM_STATE_FIELDS
 from rtstack.monitor.records import Reason, Verdict
 
 SIDES: tuple[str, str] = ("left", "right")
+"""The sides of arms, in the order of every array of arms."""
 
 
 class Mode(IntEnum):
@@ -80,6 +81,7 @@ ARM_FIELDS = (
     ),
 )
 ARM_SAMPLE = record_of(ARM_FIELDS)
+"""A sample of /left/arm and /right/arm: see the page of the log's format for fields and units."""
 
 _AXES = "along the world's axes"
 CONTROL_FIELDS = (
@@ -157,6 +159,7 @@ CONTROL_FIELDS = (
     Field("pair_margin", "As impact_margin, of both arms and their net force.", plain="margin of both arms"),
 )
 CONTROL_SAMPLE = record_of(CONTROL_FIELDS)
+"""A sample of /left/control and /right/control."""
 
 TIMING_FIELDS = (
     Field("period_us", "Time since the last tick, {unit}.", "us", host_clock=True, plain="time between ticks"),
@@ -173,6 +176,7 @@ TIMING_FIELDS = (
     ),
 )  # fmt: skip
 TIMING_SAMPLE = record_of(TIMING_FIELDS)
+"""A sample of /timing."""
 
 
 class Level(IntEnum):

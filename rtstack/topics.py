@@ -100,8 +100,7 @@ def _with_offered(rows: Sequence[Topic]) -> tuple[dict[str, Topic], tuple[str, .
 
 
 OFFERED = ExtensionPoint("rtstack.topics", "topic", Topic)  # the modules that offer one import hal only
-# in the order of the log: of samples of one time the first topic comes first
-TOPICS, REFUSED = _with_offered(
+_TABLE = _with_offered(
     [
         *(Topic(name, ARM, 1000, every_tick=True) for name in ARM_TOPICS),
         *(Topic(name, CONTROL, 1000, every_tick=True) for name in CONTROL_TOPICS),
@@ -114,6 +113,9 @@ TOPICS, REFUSED = _with_offered(
         Topic(HAND_TOPIC, HAND, 100, "of teleoperations", plotted=False),
     ]
 )
+TOPICS: dict[str, Topic] = _TABLE[0]
+"""All topics by name, in the order of the log: of samples of one time the first topic comes first."""
+REFUSED: tuple[str, ...] = _TABLE[1]
 TICK_TOPICS = tuple(topic.name for topic in TOPICS.values() if topic.every_tick)
 PLOTTED_TOPICS = tuple(topic.name for topic in TOPICS.values() if topic.plotted)
 MESSAGES: dict[str, Message] = {t.message.name: t.message for t in TOPICS.values() if t.message.is_ours}

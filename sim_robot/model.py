@@ -17,6 +17,7 @@ from sim_robot.plant_parameters import Vector3
 from sim_robot.scene import ArmPlacement, GraspObject, ObjectPlacement, Platform, Scene
 
 POINTS_PER_FACE = 4.0
+"""Contact points of a pad's face: the stiffness of a contact is divided among them."""
 
 
 def series(stiffness: float, other: float) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating]
+"""An array of floats; the docstring of what takes or returns it gives shape, unit and frame."""
 Seven = tuple[float, float, float, float, float, float, float]  # a number a joint
 
 

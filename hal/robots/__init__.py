@@ -16,9 +16,10 @@ ROBOTS = ExtensionPoint("rtstack.robots", "robot model", RobotModel)
 DEFAULT = "fr3"
 
 
-FR3, FER = (
-    replace(read_robot(Path(__file__).with_name(f"{name}.toml")), reference=name) for name in ("fr3", "fer")
-)  # fmt: skip
+FR3 = replace(read_robot(Path(__file__).with_name("fr3.toml")), reference="fr3")
+"""The Franka Research 3."""
+FER = replace(read_robot(Path(__file__).with_name("fer.toml")), reference="fer")
+"""Its predecessor, the Panda."""
 
 
 def reference_in(cell_file: Path, model: str) -> str:

@@ -70,9 +70,12 @@ def export(
     What an interrupted export of the same logs left in OUT.partial is not made again.
 
     Args:
-        places, query, failed: see rtstack.datasets.selection.select.
+        places: logs, and folders of logs.
+        out: the data set's folder, which does not exist yet.
         form: how the data set is written.
         progress: takes the fraction that is done.
+        query: words of the search in the list of logs, all of which have to hold; "" for all.
+        failed: include those that did not succeed.
         dry_run: read everything and write nothing.
 
     Raises LogError with one line; NothingToExport where no log is left.

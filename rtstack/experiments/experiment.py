@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rtstack.trials.carry_out import PreparedRun
 
 Row = dict[str, Any]
+"""A row of the table of results: `id`, and a value for each column."""
 DIRECT = "direct"  # the plant in the worker's process
 SIMULATED = (DIRECT, "lockstep")
 
@@ -91,8 +92,8 @@ class Stage:
     on_cell: Callable[[str], CellRun] | None = None
 
 
-# yields stages, and is sent what failed in each of them: name of the task -> reason
 Stages = Generator[Stage, dict[str, str], Any]
+"""Yields stages, and is sent what failed in each of them: name of the task -> reason."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from hal.base.arrays import Array
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Mode
 
-# Okabe and Ito's colours, safe for colour-blind eyes
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
+"""Okabe and Ito's colours, safe for colour-blind eyes."""
 MARKERS = "osD^vP*"
 BAND_ALPHA = 0.13
 STYLE: Any = {

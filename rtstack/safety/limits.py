@@ -224,6 +224,8 @@ CONTROL_LIMITS = np.dtype(
         *record_fields("f8", "tau_step approach_s"),
     ]
 )
+"""What a controller may ask for, inside the judge's limits: q_lower, q_upper (7,) rad, dq_max rad/s, torques tau_max,
+tau_J_max (with gravity's) and push_max Nm, tau_step Nm a tick, approach_s s."""
 
 
 def control_margin(limits: SafetyLimits) -> Array:

@@ -8,7 +8,9 @@ from hal.extensions import ExtensionPoint
 from rtstack.samples import SIDES
 
 Six = tuple[float, float, float, float, float, float]
+"""A deflection, -1 to 1 of the chosen speed, along the world's axes and about them."""
 Pose = tuple[float, float, float, float, float, float, float]
+"""Position m and quaternion wxyz, in the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,7 @@ class InputDevice(Protocol):
     """An open device. `read` is called 50 times a second, outside the real-time loop, in one thread."""
 
     def read(self) -> HandInput:
-        """Return what the operator does now. Waits for nothing: 0.2 s without an answer stop the arms."""
+        """Return what the operator does now. Waits for nothing: 0.3 s without an answer stop the arms."""
         ...
 
     def close(self) -> None:

@@ -97,3 +97,4 @@ class _Known:
 
 
 ControllerName = Annotated[str, _Known()]
+"""The name of an installed controller, as a field of a plan: an unknown one is refused."""
