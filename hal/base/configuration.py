@@ -143,8 +143,7 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
             raise ConfigurationError(one_line(f"{place}: key {key}: Input should be a finite number, found {found}"))
     try:
         # JSON has TOML's types, and no other way in which to write a number; a tuple carries the configuration to kind
-        written = json.dumps([document], default=str)
-        return _adapter(kind).validate_json(written, strict=True)[0]
+        return _adapter(kind).validate_json(json.dumps([document], default=str), strict=True)[0]
     except ValidationError as error:
         first = error.errors()[0]
         loc, said = first["loc"][1:], first["msg"].removeprefix("Value error, ")
@@ -205,4 +204,5 @@ def _key(name: str) -> str:
 
 
 STRICT = ConfigDict(extra="forbid", strict=False, arbitrary_types_allowed=True)
+"""The configuration of a pydantic dataclass that a file is read into: an unknown key is an error."""
 _PLAIN = ConfigDict(extra="forbid", allow_inf_nan=False)  # of dataclasses that have no configuration of their own

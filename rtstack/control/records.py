@@ -4,8 +4,6 @@ import numpy as np
 
 from hal.compilation import fields
 
-# One point of a reference of one arm. position m, rotation (3, 3) of T_world_ee, twist m/s rad/s, wrench N Nm,
-# posture xi rad, dxi rad/s, beta rad/s^2
 POINT = np.dtype(
     [
         ("position", "f8", 3),
@@ -14,10 +12,9 @@ POINT = np.dtype(
         *fields("f8", "xi dxi beta"),
     ]
 )
+"""One point of a reference of one arm: position m and rotation (3, 3) of T_world_ee, twist m/s rad/s, wrench_ff N Nm,
+posture xi rad, dxi rad/s, beta rad/s^2."""
 
-# What one arm is asked for in this tick: a point, and how hard to pursue it. velocity_weight scales the velocity
-# feedback: 1 in the ante- and post-impact modes, gamma in the interim mode, 0 where a baseline removes it. stiffness
-# N/m, Nm/rad, or 1/s^2 where acceleration_tasks is not 0
 SETPOINT = np.dtype(
     [
         *POINT.descr,
@@ -27,6 +24,9 @@ SETPOINT = np.dtype(
         ("acceleration_tasks", "i8"),
     ]
 )
+"""The setpoint of one arm in this tick: a POINT, and how hard to pursue it. velocity_weight scales the velocity
+feedback: 1 in the ante- and post-impact modes, gamma in the interim mode, 0 where a baseline removes it. stiffness
+N/m, Nm/rad, or 1/s^2 where acceleration_tasks is not 0."""
 
 # What observing an arm takes and no state changes: where the end effector is on the last joint (m) and the base
 # in the world, motor inertia kg m^2, friction (see FrictionParameters), the observer's gain, and the detector's bounds
@@ -40,7 +40,6 @@ OBSERVER_PARAMETERS = np.dtype(
     ]
 )
 
-# What the tick of one arm works on. Names as in the papers; lower/upper bound ddq, tau_lower/tau_upper bound (14)
 WORKSPACE = np.dtype(
     [
         ("position", "f8", 3),
@@ -67,3 +66,6 @@ WORKSPACE = np.dtype(
         ("three", "f8", 3),
     ]
 )
+"""What the tick of one arm works on, along the world's axes: position m, rotation (3, 3), twist m/s rad/s and Jacobian
+J (6, 7) of the pad's face, dJdq m/s^2 rad/s^2, M (7, 7) kg m^2, coriolis, gravity, friction and tau_previous (7,) Nm,
+force_world (3,) N. lower, upper bound ddq; tau_lower, tau_upper bound (14) of the reference-spreading paper."""
