@@ -3,11 +3,13 @@
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from rtstack import refuse_shadows
 from rtstack.model.cell_description import CellDescription, load_cell_description
 
 
 def default_cell_file() -> Path:
     """Return the path of the description of the simulated grabbing cell."""
+    refuse_shadows("deploy")
     with as_file(files("deploy.cells") / "grab.toml") as path:
         return path
 
