@@ -9,6 +9,32 @@ Array = NDArray[np.floating]
 """An array of floats; the docstring of what takes or returns it gives shape, unit and frame."""
 Seven = tuple[float, float, float, float, float, float, float]  # a number a joint
 
+# of numpy's kinds, what is taken for it, and what it is called
+_KINDS = {"f": ("iuf", "numbers"), "i": ("iu", "whole numbers (int64)"), "b": ("b", "true or false")}
+
+
+def numbers(value: Any, name: str, shape: tuple[int | None, ...], dtype: type = float, finite: bool = True) -> Array:
+    """Return an argument as a contiguous array of float, np.int64 or bool; the argument itself where it is one already.
+
+    name: for the message; shape: with None for any length; finite: whether infinite and NaN are refused. Raises
+    ValueError with one line: the name, what was expected, what was found.
+    """
+    kinds, words = _KINDS[np.dtype(dtype).kind]
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError, OverflowError):  # rows of different lengths
+        raise ValueError(f"{name}: expected {words}, found {type(value).__name__}") from None
+    if array.dtype.kind not in kinds or (kinds == "iu" and not np.can_cast(array.dtype, np.int64)):
+        raise ValueError(f"{name}: expected {words}, found {array.dtype}")
+    if len(shape) != array.ndim or any(want not in (None, has) for want, has in zip(shape, array.shape, strict=True)):
+        expected = str(shape).replace("None", "any")
+        raise ValueError(f"{name}: expected shape {expected}, found {array.shape}")
+    with np.errstate(over="ignore"):  # of longer floats
+        array = np.require(array, dtype, ("C", "A", "W", "E"))
+    if finite and not np.isfinite(array).all():
+        raise ValueError(f"{name}: expected finite numbers, found {array[~np.isfinite(array)][0]}")
+    return array
+
 
 def seven(values: Any) -> Seven:
     """Return the numbers of the joints, (7,), as a tuple of Python's own floats."""

@@ -1,4 +1,4 @@
-"""What the monitor is tuned with, in the symbols of the collision-monitoring paper (Tables 1 and 2)."""
+"""What the monitor is tuned with: Tables 1 and 2 of the collision-monitoring paper."""
 
 import math
 from dataclasses import dataclass, fields
@@ -12,23 +12,38 @@ from rtstack.monitor.records import LONGEST_WINDOW, parameters_dtype
 
 @dataclass(frozen=True, slots=True)
 class MonitorParameters:
-    """One tuning. residual_rate_nm_s, one a joint, is r_b of (9), which the paper does not give.
+    """One tuning. `tune_monitor` of rtstack.monitor.tuning makes one from recorded motions.
 
     Raises ValueError, with the parameter's name, for one that makes no sense.
+
+    Attributes:
+        residual_rate_nm_s: r_b of (9), Nm/s, one a joint: the rate of the residual from which on it is an impact. The
+            paper does not give it.
+        window: m_max, ticks: how far the envelopes of the velocity error look back, a period of what vibrates after an
+            impact or more, so that they enclose the vibration.
+        delay: m_c, ticks after an impact: from then on zero has to lie within the envelopes.
+        decay_1_s: a, 1/s: how fast the envelopes forget what has left the window; their time constant is 1 / a.
+        configuration_rad: epsilon, rad: how far from the meant configuration an impact may be, as a norm over joints.
+        time_s: zeta, s: how much earlier or later than meant it may be.
+        horizon_s: xi, s after an impact: how long the envelopes are looked at; the verdict comes at its end.
+        velocity_rad_s: e_m, rad/s: how far zero may lie outside the envelopes. The tables print rad, (17) compares it
+            with velocities.
+        spacing_s: iota, s: the longest time from one impact to the next that belongs to it.
+        period_s: Delta t of (18), s a tick.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}  # where a tuning comes from a TOML file
 
-    residual_rate_nm_s: tuple[float, ...]  # r_b
-    window: int  # m_max, ticks
-    delay: int  # m_c, ticks
-    decay_1_s: float  # a
-    configuration_rad: float  # epsilon
-    time_s: float  # zeta
-    horizon_s: float  # xi
-    velocity_rad_s: float  # e_m; the tables print rad, (17) compares it with velocities
-    spacing_s: float  # iota
-    period_s: float = 1e-3  # Delta t of (18)
+    residual_rate_nm_s: tuple[float, ...]
+    window: int
+    delay: int
+    decay_1_s: float
+    configuration_rad: float
+    time_s: float
+    horizon_s: float
+    velocity_rad_s: float
+    spacing_s: float
+    period_s: float = 1e-3
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):

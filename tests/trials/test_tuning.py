@@ -68,7 +68,7 @@ def test_what_was_tuned_finds_what_is_wrong_and_nothing_else() -> None:
         monitor = replay(wrong, parameters)
         assert (monitor.verdict, monitor.reason) == (Verdict.UNEXPECTED, reason)
     assert check([run(11, (0.44, 0.505))], parameters).false_alarms == ("run 11",)
-    with pytest.raises(TrialError, match="no impact of the right arm"):
+    with pytest.raises(TrialError, match="run 14, right arm: no impact"):
         tune([run(14, (0.5, 2.0))], 1.5)
 
 
