@@ -9,12 +9,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from hal.base.arrays import numbers
 from hal.compilation import compiled
 from rtstack.control.parameters import DetectorParameters
 
 FORCE, VELOCITY = 0, 3  # columns of the history
+LONGEST_WINDOW = 1_000_000  # samples: 48 MB
+_BOUNDS = ("force_low_n", "force_high_n", "velocity_m_s", "tare_n", "largest_tare_n")
 
 
 @compiled
@@ -67,18 +70,39 @@ class DetectorMemory(NamedTuple):
 
 
 class ImpactDetector:
-    """The detector of one arm. The same one runs online and on a recording."""
+    """The detector of one end effector, of any robot. The same one runs online and on a recording.
+
+    Args:
+        parameters: Bounds and length of the window, in N, m/s and s.
+        period_s: Time between two updates, s.
+
+    Raises:
+        TypeError: Parameters of another kind.
+        ValueError: One line: what does not fit.
+    """
 
     def __init__(self, parameters: DetectorParameters, period_s: float) -> None:
-        self._parameters = parameters
-        history = np.zeros((round(parameters.window_s / period_s), 6))
+        if not isinstance(parameters, DetectorParameters):
+            raise TypeError(f"parameters: expected DetectorParameters, found {type(parameters).__name__}")
+        self._bounds = tuple(float(numbers(getattr(parameters, name), name, (), finite=False)) for name in _BOUNDS)
+        window_s, period = (float(numbers(value, "period_s", ())) for value in (parameters.window_s, period_s))
+        window = window_s / period if period > 0.0 else 0.0
+        if not 1.0 <= window <= LONGEST_WINDOW:
+            raise ValueError(f"period_s: expected 1 to {LONGEST_WINDOW} in a window of {window_s} s, found {period_s}")
+        history = np.zeros((round(window), 6))
         whole = (np.zeros(1, np.int64) for _ in range(3))
         # for compiled code that updates it itself
         self.memory = DetectorMemory(history, next(whole), next(whole), np.zeros(3), np.zeros(3), next(whole))
 
-    def update(self, force: NDArray[np.float64], velocity: NDArray[np.float64]) -> bool:
-        """Take the force ON the end effector (3,) N and its velocity (3,) m/s; return whether it was hit."""
-        p = self._parameters
-        return impact_now(
-            force, velocity, self.memory, p.force_low_n, p.force_high_n, p.velocity_m_s, p.tare_n, p.largest_tare_n
-        )
+    def update(self, force: ArrayLike, velocity: ArrayLike) -> bool:
+        """Take a sample and return whether it was hit.
+
+        Args:
+            force: That acts ON the end effector (3,) N.
+            velocity: Of the end effector, along the same axes (3,) m/s.
+
+        Raises:
+            ValueError: Not three finite numbers; the sample was not taken.
+        """
+        f, v = numbers(force, "force", (3,)), numbers(velocity, "velocity", (3,))
+        return bool(impact_now(f, v, self.memory, *self._bounds))

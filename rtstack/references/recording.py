@@ -263,7 +263,7 @@ def recording_of(
         # views of single fields: looking one up in each tick costs more than the model does
         sample, work = controller.sample[0], controller.workspace[0]
         states = tuple(zip((sample[name] for name in ("q", "dq", "O_F_ext_hat_K")), (q, dq, push), strict=True))
-        felt, twist = work["force_world"], work["twist"]
+        felt, velocity = work["force_world"], work["twist"][:3]
         seen = [(points[name][arm], work[name]) for name in ("position", "rotation", "twist")]
         seen.append((measured["force"][arm], felt))
         for k in range(n):
@@ -272,7 +272,7 @@ def recording_of(
             controller.observe()
             for rows, value in seen:
                 rows[k] = value
-            if kept.start <= k < kept.stop and finder.update(felt, twist):
+            if kept.start <= k < kept.stop and finder.update(felt, velocity):
                 hits[arm] = min(hits[arm], k)
             if progress is not None and k % _TOLD_TICKS == 0:
                 progress((arm + k / n) / len(arms))

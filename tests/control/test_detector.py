@@ -108,3 +108,32 @@ def test_below_the_threshold_it_is_the_papers_law_bit_by_bit(seed, size):
         if mine:
             return  # from the first impact on the tare stays
     raise AssertionError("the impact was not found")
+
+
+@pytest.mark.parametrize(
+    ("force", "velocity", "message"),
+    [
+        (np.zeros(2), APPROACH, r"force: expected shape \(3,\), found \(2,\)"),
+        (np.zeros(3), np.zeros(6), r"velocity: expected shape \(3,\), found \(6,\)"),
+        (np.full(3, np.nan), APPROACH, "force: expected finite numbers, found nan"),
+        (None, APPROACH, "force: expected numbers, found object"),
+        (np.zeros(3, "U1"), APPROACH, "force: expected numbers, found <U1"),
+    ],
+)
+def test_a_sample_that_does_not_fit_is_refused_and_not_taken(force, velocity, message):
+    detector = _after(np.zeros(3), APPROACH)
+    before = [part.tobytes() for part in detector.memory]
+    with pytest.raises(ValueError, match=message):
+        detector.update(force, velocity)
+    assert [part.tobytes() for part in detector.memory] == before
+    assert detector.update(PUSH_BACK.tolist(), APPROACH.astype(np.float32)) is True
+
+
+@pytest.mark.parametrize(
+    ("parameters", "period_s", "error"),
+    [(P, 0.0, ValueError), (P, 0.3, ValueError), (P, 1e-9, ValueError), (P, inf, ValueError), (P, "1", ValueError),
+     ({}, 1e-3, TypeError), (replace(P, force_low_n="4"), 1e-3, ValueError)],
+)  # fmt: skip
+def test_a_detector_that_makes_no_sense_is_refused(parameters, period_s, error):
+    with pytest.raises(error, match=r"^[a-z_]+: expected [^\n]+, found [^\n]+$"):
+        ImpactDetector(parameters, period_s)

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
+from rtstack.control.observer import MomentumObserver
 from rtstack.model.arm_model import ArmModel
 from tests.support.arm_controller import make_arm_controller
 
@@ -45,3 +47,54 @@ def test_residual_converges_to_the_external_torque_with_the_gain_as_its_pole(cel
     assert errors[1] > 2.0
     assert errors[10] < 4.0 * 0.8**8
     assert errors[60] < 0.1
+
+
+def test_the_observer_of_arrays_is_that_of_the_tick(cell):
+    arm = make_arm_controller(ArmModel(cell.left, cell.pad))
+    rng = np.random.default_rng(0)
+    observer = MomentumObserver(7)
+    for _ in range(20):
+        q, dq = np.array(cell.left.home) + rng.normal(0.0, 0.1, 7), rng.normal(0.0, 0.5, 7)
+        arm.sample["q"][0], arm.sample["dq"][0], arm.sample["tau_J"][0] = q, dq, rng.normal(0.0, 20.0, 7)
+        arm.observe()
+        model = arm.model
+        found = observer.update(model.M, model.C, arm.workspace["gravity"][0], arm.sample["tau_J"][0], dq)
+        np.testing.assert_array_equal(found, arm.control["momentum_residual"][0])
+        np.testing.assert_array_equal(observer.rate, arm.control["residual_rate"][0])
+
+
+def test_two_joints_that_are_pushed_show_the_push():
+    # planar 2R arm of point masses at its ends, without gravity, held still: the residual becomes what is pushed
+    M, still, push = np.array([[3.0, 1.0], [1.0, 1.0]]), np.zeros(2), np.array([2.0, -1.0])
+    observer = MomentumObserver(2, gain_hz=100.0)
+    observer.update(M, np.zeros((2, 2)), still, still, still)
+    for _ in range(200):
+        found = observer.update(M, np.zeros((2, 2)), still, -push, still)
+    np.testing.assert_allclose(found, -push, atol=1e-8)  # positive where the robot pushes
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("M", np.eye(3), r"M: expected shape \(2, 2\), found \(3, 3\)"),
+        ("C", np.zeros(2), r"C: expected shape \(2, 2\), found \(2,\)"),
+        ("gravity", np.zeros(7), r"gravity: expected shape \(2,\), found \(7,\)"),
+        ("tau_J", [np.nan, 0.0], "tau_J: expected finite numbers, found nan"),
+        ("dq", "12", "dq: expected numbers, found <U2"),
+    ],
+)
+def test_a_tick_that_does_not_fit_is_refused_and_not_taken(name, value, message):
+    good = {"M": np.eye(2), "C": np.zeros((2, 2)), **dict.fromkeys(("gravity", "tau_J", "dq"), np.ones(2))}
+    observer, other = MomentumObserver(2), MomentumObserver(2)
+    for one in (observer, other):
+        one.update(**good)
+    with pytest.raises(ValueError, match=message):
+        observer.update(**(good | {name: value}))
+    changed = good | {"dq": np.array([2.0, 0.5])}
+    np.testing.assert_array_equal(observer.update(**changed), other.update(**changed))
+
+
+@pytest.mark.parametrize("arguments", [(0,), (-1,), (10**7,), (2, 0.0), (2, 2000.0, 1e-3), (2, 200.0, -1e-3), (2.5,)])
+def test_an_observer_that_makes_no_sense_is_refused(arguments):
+    with pytest.raises(ValueError, match="expected"):
+        MomentumObserver(*arguments)

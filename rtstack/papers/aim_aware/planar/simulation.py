@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import compiled
-from rtstack.control.observer import momentum_residual
+from rtstack.control.observer import momentum_residual, observer_records
 from rtstack.papers.aim_aware.planar.dynamics import absolute, advance, coriolis, inertia, tip, transmitted, weight
 from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm, Task
 from rtstack.papers.aim_aware.planar.plan import Plan
@@ -14,11 +14,7 @@ TICK = np.dtype([
     ("t_ns", "i8"), ("q", "f8", 3), ("dq", "f8", 3), ("residual", "f8", 3), ("forces", "f8", 2),
     ("x", "f8", 3), ("dx", "f8", 3), ("tau_d", "f8", 3), ("post", "i8"),
 ])  # fmt: skip
-# the fields that the momentum observer works on, as in the tick of the real arms
-_OBSERVER = np.dtype(
-    [("gravity", "f8", 3), ("momentum_integral", "f8", 3), ("residual_previous", "f8", 3), ("observed", "i8")]
-)
-_OBSERVED = np.dtype([("momentum_residual", "f8", 3), ("residual_rate", "f8", 3)])
+_OBSERVER, _OBSERVED = observer_records(3)
 _GAINS = np.dtype([
     ("stiffness", "f8", 3), ("damping_ratio", "f8"), ("observer_gain", "f8"), ("period_s", "f8"),
     ("substeps", "i8"), ("push_n", "f8"), ("residual_rate", "f8", 3),
