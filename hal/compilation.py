@@ -11,13 +11,13 @@ import hashlib
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from enum import EnumMeta
 from functools import cache, partial
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, cast
+from typing import Any, TypeVar, cast, overload
 
 import numba
 import numpy as np
@@ -28,11 +28,17 @@ from numba.extending import intrinsic
 from hal.base.files import locked
 from hal.base.shared import private_folder, refuse_foreign
 
+F = TypeVar("F", bound=Callable[..., Any])
+Step = tuple[Callable[..., Any], tuple[Any, ...]]  # a compiled function and its arguments
 _TYPES: dict[Any, Any] = {}  # of arrays that were bound
 _ending = ExitStack()  # of this process
 atexit.register(_ending.close)
 
 
+@overload
+def compiled(signature: F) -> F: ...
+@overload
+def compiled(signature: str | None = None, **options: Any) -> Callable[[F], F]: ...
 def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) -> Any:
     """Compile a function as numba.njit does, with the error model of numpy, and keep the machine code.
 
@@ -66,10 +72,30 @@ def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] 
         return partial(function, *arguments)
     if not arguments:
         return cast(Any, function).compile(tuple(map(_type_of, later)))
-    arguments = tuple(int(value) if isinstance(value, bool) else value for value in arguments)
-    words = np.array(list(_words(arguments)), np.int64)
-    made = partial(_entry(function, tuple(map(_type_of, arguments)), tuple(map(_type_of, later))), words.ctypes.data)
-    made.__dict__["kept"] = words, arguments  # as long as the function may be called
+    return _bound(((function, arguments),), later)
+
+
+def bound_in_turn(steps: Sequence[Step]) -> Callable[[], Any]:
+    """Return one compiled function that calls several ones in turn, each with its arguments bound, as `bound` does.
+
+    Args:
+        steps: compiled functions, each with its arguments; at least one.
+
+    Returns:
+        A function without arguments. It returns what the last step returns.
+    """
+    if not hasattr(steps[0][0], "compile"):  # NUMBA_DISABLE_JIT
+        return lambda: [function(*arguments) for function, arguments in steps][-1]
+    return _bound(tuple(steps), ())
+
+
+def _bound(steps: tuple[Step, ...], later: tuple[Any, ...]) -> Callable[..., Any]:
+    plain = [tuple(int(v) if isinstance(v, bool) else v for v in arguments) for _, arguments in steps]
+    words = np.array([word for arguments in plain for word in _words(arguments)], np.int64)
+    functions = tuple(function for function, _ in steps)
+    kinds = tuple(tuple(map(_type_of, arguments)) for arguments in plain)
+    made = partial(_entry(functions, kinds, tuple(map(_type_of, later))), words.ctypes.data)
+    made.__dict__["kept"] = words, plain  # as long as the function may be called
     return made
 
 
@@ -103,12 +129,15 @@ def _words(arguments: tuple[Any, ...]) -> Iterator[int]:
 
 
 @cache
-def _entry(function: Any, bound_types: tuple[Any, ...], later_types: tuple[Any, ...]) -> Callable[..., Any]:
-    """Return what calls a compiled function with arguments of these types, given the address of those that are bound.
+def _entry(
+    functions: tuple[Any, ...], bound_types: tuple[Any, ...], later_types: tuple[Any, ...]
+) -> Callable[..., Any]:
+    """Return what calls compiled functions in turn with arguments of these types, given the address of those that are
+    bound. The last one gets the later arguments too.
 
-    Compiled once a function and types, and kept beside the function's own machine code.
+    Compiled once for functions and types, and kept beside the first function's own machine code.
     """
-    packed = types.Tuple(bound_types)
+    packed = types.Tuple([kind for own in bound_types for kind in own])
 
     @intrinsic
     def load(_typing: Any, _address: Any) -> Any:
@@ -117,14 +146,20 @@ def _entry(function: Any, bound_types: tuple[Any, ...], later_types: tuple[Any, 
 
         return packed(types.intp), generate
 
-    source = function.py_func
-    name = f"{source.__name__}_{hashlib.sha256(repr((bound_types, later_types)).encode()).hexdigest()[:12]}"
+    sources = [function.py_func for function in functions]
     others = "".join(f", a{k}" for k in range(len(later_types)))
-    firsts = ", ".join(f"bound[{k}]" for k in range(len(bound_types)))
-    text = f"def {name}(address{others}):\n    bound = load(address)\n    return function({firsts}{others})\n"
-    names = {"__name__": source.__module__, "function": function, "load": load}
-    exec(compile(text, source.__code__.co_filename, "exec"), names)
-    entry = compiled(nogil=function.targetoptions.get("nogil", False))(names[name])
+    calls, first = [], 0
+    for number, own in enumerate(bound_types):
+        calls.append(f"function{number}({', '.join(f'bound[{first + k}]' for k in range(len(own)))}")
+        first += len(own)
+    lines = [f"    {call})\n" for call in calls[:-1]] + [f"    return {calls[-1]}{others})\n"]
+    key = repr(([f"{s.__module__}.{s.__qualname__}" for s in sources[1:]], bound_types, later_types))
+    name = f"{sources[0].__name__}_{hashlib.sha256(key.encode()).hexdigest()[:12]}"
+    text = f"def {name}(address{others}):\n    bound = load(address)\n{''.join(lines)}"
+    names = {f"function{number}": function for number, function in enumerate(functions)}
+    names |= {"__name__": sources[0].__module__, "load": load}
+    exec(compile(text, sources[0].__code__.co_filename, "exec"), names)
+    entry = compiled(nogil=functions[0].targetoptions.get("nogil", False))(names[name])
     return entry.compile((types.intp, *later_types))
 
 

@@ -1,4 +1,4 @@
-"""The QP of a tick by a dual active-set method, compiled: min 1/2 x^T H x + g^T x, bounds on x and on M x.
+"""The QP of a tick by a dual active-set method, compiled: min 1/2 x^T H x + g^T x, bounds on x and on A x.
 
 Goldfarb and Idnani, A numerically stable dual method for solving strictly convex quadratic programs, 1983. It begins at
 the minimiser without limits and takes the most violated limit in, one after the other; a limit whose multiplier would
@@ -18,34 +18,40 @@ OPTIMALITY_TOLERANCE = 1e-4  # rad/s^2 and Nm: a hundredth of what the joints ca
 
 
 @compiled
-def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
+def optimality_error(H, gradient, lower, upper, A, row_lower, row_upper, x, multipliers):
     """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity (relative to the
     multiplier's scale), stationarity (to the gradient's).
 
-    multipliers (14,): of the bounds, then of the torque rows; positive at an upper limit, negative at a lower one.
+    A (rows, 7), row_lower and row_upper (rows,). multipliers (7 + rows,): of the bounds, then of the rows; positive at
+    an upper limit, negative at a lower one.
     """
     worst = 0.0
     scale = 1.0
     for i in range(7):
         scale = max(scale, abs(gradient[i]))
     for i in range(7):
-        tau = 0.0
         slope = gradient[i] + multipliers[i]
         for j in range(7):
-            tau += M[i, j] * x[j]
-            slope += H[i, j] * x[j] + M[j, i] * multipliers[7 + j]
+            slope += H[i, j] * x[j]
+        for k in range(row_lower.shape[0]):
+            slope += A[k, i] * multipliers[7 + k]
         if not math.isfinite(slope):
             return math.inf
         worst = max(worst, abs(slope) / scale)
-        worst = max(worst, lower[i] - x[i], x[i] - upper[i])
-        worst = max(worst, tau_lower[i] - tau, tau - tau_upper[i])
-        for multiplier, below, above in (
-            (multipliers[i], x[i] - lower[i], upper[i] - x[i]),
-            (multipliers[7 + i], tau - tau_lower[i], tau_upper[i] - tau),
-        ):
-            slack = above if multiplier > 0.0 else below
-            worst = max(worst, min(abs(multiplier) / scale, abs(slack)))
+        worst = max(worst, _limit_error(multipliers[i] / scale, x[i] - lower[i], upper[i] - x[i]))
+    for k in range(row_lower.shape[0]):
+        row = 0.0
+        for j in range(7):
+            row += A[k, j] * x[j]
+        worst = max(worst, _limit_error(multipliers[7 + k] / scale, row - row_lower[k], row_upper[k] - row))
     return worst
+
+
+@compiled
+def _limit_error(multiplier, below, above):
+    """Return the violation of a limit and of its complementarity. below, above: to its lower and its upper side."""
+    slack = above if multiplier > 0.0 else below
+    return max(-below, -above, min(abs(multiplier), abs(slack)))
 
 
 MOST_CHANGES = 40  # of the active limits; a problem that needs more is a general solver's
@@ -55,16 +61,14 @@ _STATUS = {int(status): status for status in QpStatus}
 _SOLVED, _INFEASIBLE = int(QpStatus.SOLVED), int(QpStatus.INFEASIBLE)
 _EXHAUSTED, _WRONG_ANSWER = int(QpStatus.ITERATIONS_EXHAUSTED), int(QpStatus.WRONG_ANSWER)
 
-# The limits that are active now. limit: its kind (lower, upper, tau_lower, tau_upper) times 7 plus the joint; normal:
-# L^-1 n, with H = L L^T and n^T x >= b; multiplier >= 0. new: the normal that is to be taken in. multipliers (14): as
-# optimality_error has them
+# The limits that are active now. limit: twice its number (the bounds, then the rows), 1 more for an upper one; normal:
+# L^-1 n, with H = L L^T and n^T x >= b; multiplier >= 0. new: the normal that is to be taken in
 ACTIVE_SET = np.dtype(
     [
         ("count", "i8"),
         ("limit", "i8", 7),
         *fields("f8", "L normal gram factor", 7, 7),
         *fields("f8", "multiplier new share step", 7),
-        ("multipliers", "f8", 14),
     ]
 )
 
@@ -72,21 +76,27 @@ ACTIVE_SET = np.dtype(
 class ActiveSetProgram:
     """See rtstack.control.program.Program."""
 
-    def __init__(self) -> None:
-        self._active_set = np.zeros(1, ACTIVE_SET)
-        free, eye = np.full(7, math.inf), np.eye(7)
-        self.solve(eye, np.zeros(7), -free, free, eye, -free, free, np.zeros(7))  # machine code is ready now
+    def __init__(self, rows: int = 7) -> None:
+        self._active_set, self._multipliers = np.zeros(1, ACTIVE_SET), np.zeros(7 + rows)
+        free, some = np.full(7, math.inf), np.full(rows, math.inf)
+        # machine code is ready now
+        self.solve(np.eye(7), np.zeros(7), -free, free, np.zeros((rows, 7)), -some, some, np.zeros(7))
 
-    def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
+    def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, A: Array, row_lower: Array, row_upper: Array,
               x: Array) -> tuple[QpStatus, int]:  # fmt: skip
         """See Program. The iterations are how often the active limits changed."""
-        status, changes = solve_active_set(H, gradient, lower, upper, M, tau_lower, tau_upper, x, self._active_set)
+        status, changes = solve_active_set(
+            H, gradient, lower, upper, A, row_lower, row_upper, x, self._active_set, self._multipliers
+        )
         return _STATUS[status], changes
 
 
 @compiled
-def solve_active_set(H, gradient, lower, upper, M, tau_lower, tau_upper, x, active_sets):
-    """Write the solution to x. Return the status, as a number, and how often the active limits changed."""
+def solve_active_set(H, gradient, lower, upper, A, row_lower, row_upper, x, active_sets, multipliers):
+    """Write the solution to x, and its multipliers, see `optimality_error`.
+
+    Return the status, as a number, and how often the active limits changed.
+    """
     active = active_sets[0]
     active.count = 0
     changes = 0
@@ -97,46 +107,49 @@ def solve_active_set(H, gradient, lower, upper, M, tau_lower, tau_upper, x, acti
     solve_lower(active.L, 7, x)
     solve_lower_transposed(active.L, 7, x)
     while True:
-        limit, violation = _most_violated(lower, upper, M, tau_lower, tau_upper, x)
+        limit, violation = _most_violated(lower, upper, A, row_lower, row_upper, x)
         if limit < 0:
             break
-        _normal(limit, M, active.new)
+        _normal(limit, A, active.new)
         solve_lower(active.L, 7, active.new)
         status, changes = _take_in(active, limit, violation, changes, x)
         if status != _SOLVED:
             return status, changes
-    _signed(active)
-    error = optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, active.multipliers)
+    _signed(active, multipliers)
+    error = optimality_error(H, gradient, lower, upper, A, row_lower, row_upper, x, multipliers)
     return (_SOLVED if error <= OPTIMALITY_TOLERANCE else _WRONG_ANSWER), changes
 
 
 @compiled
-def _most_violated(lower, upper, M, tau_lower, tau_upper, x):
-    """Return the limit that x violates most, -1 for none, and by how much, rad/s^2 or Nm."""
+def _most_violated(lower, upper, A, row_lower, row_upper, x):
+    """Return the limit that x violates most, -1 for none, and by how much, rad/s^2 or the row's unit."""
     worst = _VIOLATED
     found = -1
     for i in range(7):
-        tau = 0.0
+        if lower[i] - x[i] > worst:
+            worst, found = lower[i] - x[i], 2 * i
+        if x[i] - upper[i] > worst:
+            worst, found = x[i] - upper[i], 2 * i + 1
+    for k in range(row_lower.shape[0]):
+        row = 0.0
         for j in range(7):
-            tau += M[i, j] * x[j]
-        for kind, violation in (
-            (0, lower[i] - x[i]), (1, x[i] - upper[i]), (2, tau_lower[i] - tau), (3, tau - tau_upper[i]),
-        ):  # fmt: skip
-            if violation > worst:
-                worst = violation
-                found = 7 * kind + i
+            row += A[k, j] * x[j]
+        if row_lower[k] - row > worst:
+            worst, found = row_lower[k] - row, 2 * (7 + k)
+        if row - row_upper[k] > worst:
+            worst, found = row - row_upper[k], 2 * (7 + k) + 1
     return found, worst
 
 
 @compiled
-def _normal(limit, M, out):
+def _normal(limit, A, out):
     """Write a limit's normal, (7,): n^T x >= b."""
-    kind, i = limit // 7, limit % 7
-    sign = 1.0 if kind % 2 == 0 else -1.0
+    number = limit // 2
+    sign = 1.0 if limit % 2 == 0 else -1.0
     for j in range(7):
-        out[j] = sign * M[i, j] if kind > 1 else 0.0
-    if kind < 2:
-        out[i] = sign
+        out[j] = sign * A[number - 7, j] if number >= 7 else 0.0
+    if number < 7:
+        out[number] = sign
 
 
 @compiled
@@ -214,11 +227,10 @@ def _let_go(active, gone):
 
 
 @compiled
-def _signed(active):
-    """Write the multipliers by row, positive at an upper limit."""
-    for i in range(14):
-        active.multipliers[i] = 0.0
+def _signed(active, multipliers):
+    """Write the multipliers by limit, positive at an upper one."""
+    for i in range(multipliers.shape[0]):
+        multipliers[i] = 0.0
     for a in range(active.count):
-        kind, i = active.limit[a] // 7, active.limit[a] % 7
-        sign = -1.0 if kind % 2 == 0 else 1.0
-        active.multipliers[7 * (kind // 2) + i] = sign * active.multiplier[a]
+        sign = -1.0 if active.limit[a] % 2 == 0 else 1.0
+        multipliers[active.limit[a] // 2] = sign * active.multiplier[a]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from numpy import void
+from numpy import float64, void
 from numpy.typing import NDArray
 
 from rtstack.control.modes import ModeMachine
@@ -94,7 +94,7 @@ class Controller(Protocol):
         """Whether a reaction to an unexpected impact has come to its end, so that the session stops the arms."""
         ...
 
-    def follow(self, ante: NDArray[void], post: NDArray[void], stiffness: NDArray) -> None:
+    def follow(self, ante: NDArray[void], post: NDArray[void], stiffness: NDArray[float64]) -> None:
         """Take the references (arms, n) of POINT and the plan's stiffness (6,), N/m and Nm/rad, before a clock runs."""
 
     def observe(self, side: int, elapsed_ns: int) -> None:

@@ -8,10 +8,15 @@ from rtstack.model.rotation import log_so3, quaternion_from_rotation, transpose_
 
 
 @compiled
+def factor_mass(work):
+    """Write the lower Cholesky factor of M to work.factor."""
+    cholesky(work.M, 7, work.factor)
+
+
+@compiled
 def task_inertia(work):
-    """Lambda^-1 = J M^-1 J^T (8) and sqrt(Lambda) from its eigenvectors."""
+    """Lambda^-1 = J M^-1 J^T (8) and sqrt(Lambda) from its eigenvectors. work.factor: of M, see `factor_mass`."""
     L = work.factor
-    cholesky(work.M, 7, L)
     X = work.rows  # rows: L^-1 J^T
     for i in range(6):
         row = X[i]
@@ -129,26 +134,20 @@ def desired_posture(q, dq, setpoint, control, joint):
 
 
 @compiled
-def quadratic_cost(work, control, joint, weight_impedance, weight_posture, regularisation):
-    """Hessian and gradient of (15) and (26): w_imp |J ddq + dJ dq - Lambda^-1 f|^2 + w_pos (ddq_joint - beta)^2."""
-    b = work.six
+def impedance_target(workspaces, setpoints, controls, target):
+    """Write Lambda^-1 f - dJ dq (6,), m/s^2 and rad/s^2: the acceleration of the end effector that (15) asks for."""
+    work, control = workspaces[0], controls[0]
+    task_inertia(work)
+    desired_wrench(work, setpoints[0], control)
     for i in range(6):
         s = -work.dJdq[i]
         for j in range(6):
             s += work.Lambda_inverse[i, j] * control.wrench_desired[j]
-        b[i] = s
-    for i in range(7):
-        for j in range(i + 1):
-            s = 0.0
-            for k in range(6):
-                s += work.J[k, i] * work.J[k, j]
-            s *= weight_impedance
-            work.H[i, j] = s
-            work.H[j, i] = s
-        work.H[i, i] += regularisation
-        s = 0.0
-        for k in range(6):
-            s += work.J[k, i] * b[k]
-        work.gradient[i] = -weight_impedance * s
-    work.H[joint, joint] += weight_posture
-    work.gradient[joint] -= weight_posture * control.beta
+        target[i] = s
+
+
+@compiled
+def posture_target(samples, setpoints, controls, joint, target):
+    """Write beta, rad/s^2, of (10) to target (1,)."""
+    desired_posture(samples[0].q, samples[0].dq, setpoints[0], controls[0], joint)
+    target[0] = controls[0].beta

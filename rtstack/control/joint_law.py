@@ -9,7 +9,7 @@ import numpy as np
 from hal.base.arrays import Array
 from hal.compilation import bound, compiled
 from rtstack.control.controller import ArmLaw, ObservedArm
-from rtstack.control.law import friction_torque
+from rtstack.control.observation import friction_torque
 from rtstack.control.parameters import FrictionParameters
 from rtstack.samples import Mode, QpStatus
 

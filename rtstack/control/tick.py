@@ -16,8 +16,8 @@ from rtstack.control.completion import CompletionDetector
 from rtstack.control.controller import ArmLaw
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.impedance import note_setpoints
-from rtstack.control.law import force_norm, observe, pose_problem, remember_torque, torque
 from rtstack.control.modes import ModeMachine
+from rtstack.control.observation import force_norm, observe, remember_torque
 from rtstack.control.parameters import (
     CompletionParameters,
     ControlParameters,
@@ -25,7 +25,7 @@ from rtstack.control.parameters import (
     FrictionParameters,
     InertiaParameters,
 )
-from rtstack.control.program import program
+from rtstack.control.qp_law import QpLaw
 from rtstack.control.reaction import ReactionMotion
 from rtstack.control.records import OBSERVER_PARAMETERS, POINT, SETPOINT, WORKSPACE
 from rtstack.control.setpoint import choose
@@ -36,7 +36,6 @@ from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus
 
 ANTE, INTERIM, POST = 0, 1, 2
 NEVER_NS = 2**62
-_UNCONSTRAINED = QpStatus.UNCONSTRAINED
 _STOPPING = Mode.STOPPING
 _ON_THE_WAY = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
 # by mode: which references count, -1 where none do
@@ -69,7 +68,10 @@ def _observer_parameters(
 
 
 class ArmController:
-    """One arm: its model, observer, detector and QP. `sample` and `control` are what the log sees of a tick."""
+    """One arm: its model, observer and detector, and as `law` the paper's QP.
+
+    `sample` and `control` are what the log sees of a tick.
+    """
 
     def __init__(
         self,
@@ -89,7 +91,6 @@ class ArmController:
         self.setpoint = np.zeros(1, SETPOINT)
         self.workspace = np.zeros(1, WORKSPACE)
         self.impact = False
-        self.program = program(solver)
         self.limits = control_limits(limits, parameters.period_s)
         self.parameters = parameters
         self._observer = _observer_parameters(model, parameters.period_s, detector, inertia, friction)
@@ -112,22 +113,11 @@ class ArmController:
         self.follow(np.zeros(1, POINT), np.zeros(1, POINT))
         self.velocity, self._mirrored = work["twist"][:3], np.zeros(3)
         self._force_world, self._rotation = work["force_world"], work["rotation"]
-        self._qp = tuple(work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper", "ddq"))
-        self._bind()
-
-    def _bind(self) -> None:
-        """Compile the tick, and look up once what it works on."""
-        p = self.parameters
         self._observe = bound(
             observe, self.sample, self.workspace, self.control, self.model.arrays, self._observer, self._memory
         )
-        self._pose_problem = bound(
-            pose_problem,
-            self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,
-            p.weight_posture, p.regularisation, self.limits,
-        )  # fmt: skip
-        self._torque = bound(torque, self.workspace, self.sample, self.limits)
         self._remember = bound(remember_torque, self._tau_applied, self._tau_previous)
+        self.law = QpLaw(self, solver=solver)
 
     def observe(self) -> None:
         """Compute kinematics, dynamics, external force, residual and impact of the state in `sample`."""
@@ -154,25 +144,18 @@ class ArmController:
         return self.completion.update(t_s, self._force_world, self._rotation, self.velocity, against)
 
     def command(self, mode: Mode) -> QpStatus:
-        """Find tau_desired in `sample` for the setpoint. Where the QP has no answer the last torque stays."""
-        if _BLEND[mode] < 0:
-            self._qp_status[0] = QpStatus.NOT_USED
-            self._qp_iterations[0] = 0
-            self._wrench_desired[:] = 0.0
-            self._tau_desired[:] = self._tau_previous
-            return QpStatus.NOT_USED
-        if self._pose_problem():
-            return _UNCONSTRAINED
-        status, iterations = self.program.solve(*self._qp)
-        if status <= QpStatus.SOLVED:
-            self._torque()
-        else:
-            self._tau_desired[:] = self._tau_previous
-        self._qp_status[0] = status
-        self._qp_iterations[0] = iterations
-        return status
+        """Find tau_desired in `sample` for the setpoint by the paper's QP; `rest` in modes without references."""
+        return self.rest() if _BLEND[mode] < 0 else self.law.command(mode)
 
-    def pursue(self, stiffness: NDArray, posture_gain: float) -> None:
+    def rest(self) -> QpStatus:
+        """Keep the last torque."""
+        self._qp_status[0] = QpStatus.NOT_USED
+        self._qp_iterations[0] = 0
+        self._wrench_desired[:] = 0.0
+        self._tau_desired[:] = self._tau_previous
+        return QpStatus.NOT_USED
+
+    def pursue(self, stiffness: NDArray[np.float64], posture_gain: float) -> None:
         """Set how hard setpoints are pursued from now on: stiffness (6,) N/m and Nm/rad (1/s^2 for acceleration tasks),
         posture gain 1/s^2."""
         self.setpoint["stiffness"][0] = stiffness
@@ -190,7 +173,7 @@ class ArmController:
         index = index if index < self._last else self._last
         self._choose(index, blend if blend > ANTE else ANTE, mode, machine.gamma, machine.velocity_weight)
 
-    def follow(self, ante: NDArray, post: NDArray) -> None:
+    def follow(self, ante: NDArray[np.void], post: NDArray[np.void]) -> None:
         """Follow the references ante and post, (n,) of POINT, from now on. Before a clock runs: they are looked up."""
         self._last = len(ante) - 1
         self._choose = bound(
@@ -222,6 +205,7 @@ class CellController:
     ) -> None:
         self.laws = laws
         self.arms = tuple(arms)
+        self._laws: tuple[ArmLaw, ...] = tuple(laws or (arm.law for arm in self.arms))
         self.machine = machine
         self.monitor = monitor
         self.impact_s = [-1.0] * len(self.arms)  # when each arm's detector first fired, s; negative: it has not
@@ -237,7 +221,7 @@ class CellController:
             for side, arm in enumerate(self.arms):
                 monitor.bind(side, arm.sample, arm.workspace, arm.control)
 
-    def follow(self, ante: NDArray, post: NDArray, stiffness: NDArray) -> None:
+    def follow(self, ante: NDArray[np.void], post: NDArray[np.void], stiffness: NDArray[np.float64]) -> None:
         """Look up where the references (arms, n) are, before a clock runs; see `pursue`."""
         for side, arm in enumerate(self.arms):
             arm.pursue(stiffness, arm.parameters.posture_gain)
@@ -302,11 +286,12 @@ class CellController:
     def command(self, side: int, elapsed_ns: int, index: int) -> QpStatus:
         """Choose an arm's setpoint at the reference's tick `index`, and write its tau_desired."""
         self.choose(side, elapsed_ns, index)
-        arm, mode = self.arms[side], self.machine.mode
-        if self.laws is None or _BLEND[mode] < 0:
-            return arm.command(mode)
-        self._note[side]()
-        return self.laws[side].command(mode)
+        mode = self.machine.mode
+        if _BLEND[mode] < 0:
+            return self.arms[side].rest()
+        if self.laws is not None:
+            self._note[side]()
+        return self._laws[side].command(mode)
 
     def contact_complete(self, t_s: float) -> bool:
         """Whether each pad is in lasting contact, with the other one's newest state where there are two."""

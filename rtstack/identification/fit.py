@@ -89,5 +89,5 @@ def fit_joint(runs: Sequence[JointSamples], first_guess: FrictionParameters, joi
 
 
 def sigmoid(dq: Array, p1: float, p2: float, p3: float) -> Array:
-    """Return the friction torque at dq, Nm, as rtstack.control.law has it."""
+    """Return the friction torque at dq, Nm, as rtstack.control.observation has it."""
     return p1 / (1.0 + np.exp(-p2 * (dq + p3))) - p1 / (1.0 + np.exp(-p2 * p3))

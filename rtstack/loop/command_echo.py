@@ -4,7 +4,7 @@ import numpy as np
 
 from hal.compilation import bound, compiled
 from rtstack.control.controller import ObservedArm
-from rtstack.control.law import remember_torque
+from rtstack.control.observation import remember_torque
 from rtstack.safety.judge import SafetyJudge
 
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm

@@ -195,7 +195,7 @@ def test_a_qp_without_an_answer_stops(stage, status):
 
     def spoil():
         arm = stage.controller.arms[0]
-        arm.program = Program()
+        arm.law.program = Program()
         arm.limits["tau_J_max"] = 1e-3  # no free solution
 
     assert stage.play(_at(spoil)).stops(f"^the QP was not solved: {status.name.lower()}$") == AT
@@ -210,7 +210,7 @@ def test_a_torque_that_is_no_number_stops(stage):
             stage.controller.arms[0].sample["tau_desired"][0, 3] = np.nan
             return status
 
-        stage.controller.arms[0].command = broken
+        stage.controller.arms[0].law.command = broken
 
     assert stage.play(_at(spoil)).stops("^safety stop: left: a value of the state or the desired torque is not") == AT
 

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.control.impedance import quadratic_cost, task_inertia
-from rtstack.control.law import acceleration_bounds, external_acceleration, torque_bounds
+from rtstack.control.impedance import factor_mass, task_inertia
+from rtstack.control.limits import acceleration_bounds, external_acceleration, torque_bounds
+from rtstack.control.parameters import ControlParameters
 from rtstack.control.program import DaqpProgram
 from rtstack.control.records import POINT
 from rtstack.log.reader import read_log
@@ -90,23 +91,30 @@ def active_sets(cell, log) -> list[list[set[tuple[str, int]]]]:
             arm.observe()
             for name in ("wrench_desired", "beta", "momentum_residual"):
                 arm.control[name][0] = controls[name][k]
+            factor_mass(work)
             task_inertia(work)
-            quadratic_cost(
-                work, arm.control[0], p.posture_joint, p.weight_impedance, p.weight_posture, p.regularisation
-            )
+            cost = costs(work, arm.control[0], p)
             state, limits = (samples["q"][k], samples["dq"][k]), arm.limits[0]
             external_acceleration(work, arm.control[0])
             acceleration_bounds(*state, work["seven"], limits, work["lower"], work["upper"])
             torque_bounds(work, limits)
-            problem = [work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper")]
-            assert DaqpProgram().solve(*problem, x)[0] is QpStatus.SOLVED
+            problem = [work[n] for n in ("lower", "upper", "M", "tau_lower", "tau_upper")]
+            assert DaqpProgram().solve(*cost, *problem, x)[0] is QpStatus.SOLVED
             work["ddq"], work["tau_previous"] = x, samples["tau_applied"][k - 1]
-            arm._torque()
+            arm.law._torque()
             np.testing.assert_allclose(arm.sample["tau_desired"][0], samples["tau_desired"][k], rtol=0, atol=2e-3)
             found[k] = active(arm, x, *state)
             assert found[k]  # a solver is asked only where something binds
         both.append(found)
     return both
+
+
+def costs(work: np.void, control: np.void, p: ControlParameters) -> tuple[np.ndarray, np.ndarray]:
+    """Hessian (7, 7) and gradient (7,) of (15) and (26), from the equations."""
+    J, posture = work["J"], np.eye(7)[p.posture_joint]
+    b = work["Lambda_inverse"] @ control["wrench_desired"] - work["dJdq"]
+    H = p.weight_impedance * J.T @ J + p.weight_posture * np.outer(posture, posture) + p.regularisation * np.eye(7)
+    return H, -p.weight_impedance * J.T @ b - p.weight_posture * control["beta"] * posture
 
 
 def longest(found: list[set[tuple[str, int]]], limit: Tightened) -> int:

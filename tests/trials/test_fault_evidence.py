@@ -76,7 +76,7 @@ def test_a_good_trial_leaves_no_evidence(runner, tmp_path):
 
 def test_an_exception_leaves_its_traceback_and_the_last_second(runner, controllers, tmp_path, capsys):
     def spoil():
-        controllers[-1].arms[0].command = lambda mode: 1 / 0
+        controllers[-1].arms[0].law.command = lambda mode: 1 / 0
 
     path = tmp_path / "raised.mcap"
     result = runner.run(log=path, watchdogs=(At(AT, spoil),))
@@ -113,7 +113,7 @@ def test_a_qp_without_an_answer_is_kept_as_it_was(runner, controllers, tmp_path)
             return QpStatus.ITERATIONS_EXHAUSTED, 212
 
     def spoil():
-        controllers[-1].arms[1].program = Program()
+        controllers[-1].arms[1].law.program = Program()
         controllers[-1].arms[1].limits["tau_J_max"] = 1e-3
 
     path = tmp_path / "qp.mcap"
@@ -197,7 +197,7 @@ def test_evidence_is_recovered_from_a_log_that_is_cut_off_after_it(runner, contr
     from rtstack.log.file.recover import recover
 
     def spoil():
-        controllers[-1].arms[0].command = lambda mode: 1 / 0
+        controllers[-1].arms[0].law.command = lambda mode: 1 / 0
 
     path = tmp_path / "raised.mcap"
     runner.run(log=path, watchdogs=(At(20, spoil),))

@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 from hal.base.arrays import Array
 from hal.base.files import replacing
 from hal.limits import CONTROL_PERIOD_S
-from rtstack.control.impedance import task_inertia
+from rtstack.control.impedance import factor_mass, task_inertia
 from rtstack.control.tick import ArmController
 from rtstack.experiments.experiment import CellRun
 from rtstack.experiments.seeds import seed_of
@@ -141,6 +141,7 @@ def residual(columns: Columns, free: FreeMotion, arms: Sequence[ArmController]) 
         wrench = control["wrench_desired"] - control["wrench_ff"]
         for i in range(n):
             work = arm.observed_at(samples["q"][i], samples["dq"][i])
+            factor_mass(work)
             task_inertia(work)
             feedback[i, :6] = work["Lambda_inverse"] @ wrench[i]
             lag[i, :6] = control["twist_ref"][i] - work["twist"]

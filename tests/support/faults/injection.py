@@ -22,14 +22,14 @@ TICK_NS = 1_000_000
 def _after_command(stage: Stage, spoil) -> None:
     """From now on do something to the left arm's desired torque, (7,), after the controller has found it."""
     arm: ArmController = stage.controller.arms[0]
-    command = arm.command
+    command = arm.law.command
 
     def spoilt(mode: Mode) -> QpStatus:
         status = command(mode)
         spoil(arm.sample["tau_desired"][0])
         return status
 
-    arm.command = spoilt
+    arm.law.command = spoilt
 
 
 # the controller
@@ -41,7 +41,7 @@ def exception(stage: Stage) -> None:
     def broken(mode: Mode) -> QpStatus:
         raise ZeroDivisionError("a defect of the controller")
 
-    stage.controller.arms[0].command = broken
+    stage.controller.arms[0].law.command = broken
 
 
 def nan_torque(stage: Stage) -> None:
@@ -65,7 +65,7 @@ def huge_torque(stage: Stage) -> None:
 def _solver(stage: Stage, program: solvers.Program) -> None:
     """Give the left arm another solver, and a problem that needs one: limits that its torque cannot keep."""
     arm = stage.controller.arms[0]
-    arm.program = program
+    arm.law.program = program
     arm.limits["tau_J_max"] = 1e-3
 
 
@@ -134,13 +134,13 @@ def qp_wrong(stage: Stage) -> None:
 def overrun(stage: Stage) -> None:
     """Let each tick take 30 ms from now on."""
     arm = stage.controller.arms[0]
-    command = arm.command
+    command = arm.law.command
 
     def slow(mode: Mode) -> QpStatus:
         time.sleep(0.03)  # the fault itself
         return command(mode)
 
-    arm.command = slow
+    arm.law.command = slow
 
 
 # the driver
