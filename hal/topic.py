@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ class Message:
     fields: tuple[Field, ...]
 
     @cached_property
-    def record(self) -> np.dtype:
+    def record(self) -> np.dtype[Any]:
         """The samples in memory: t_ns and the fields. In the file the message's log time is t_ns."""
         return record_of(self.fields)
 
@@ -50,7 +51,7 @@ class Topic:
     plotted: bool = True
 
     @property
-    def record(self) -> np.dtype:
+    def record(self) -> np.dtype[Any]:
         return self.message.record
 
     @property

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class Field:
     reference: str = ""
 
     @property
-    def dtype(self) -> np.dtype:
+    def dtype(self) -> np.dtype[Any]:
         whole = self.enum is not None or bool(self.bits)
         return np.dtype(("i8" if whole else self.kind, self.shape or ((len(self.axes),) if self.axes else ())))
 
@@ -54,6 +55,6 @@ class Field:
         return self.text.replace("{unit}", self.unit)
 
 
-def record_of(fields: Sequence[Field]) -> np.dtype:
+def record_of(fields: Sequence[Field]) -> np.dtype[Any]:
     """Return the dtype of a record: t_ns (int64, ns of the robot's time), then the fields in their order."""
     return np.dtype([("t_ns", "i8"), *((field.name, field.dtype) for field in fields)])

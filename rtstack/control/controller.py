@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from numpy import float64, void
+from numpy import void
 from numpy.typing import NDArray
 
+from hal.base.arrays import Array
 from rtstack.control.modes import ModeMachine
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.watch import TrialMonitor
@@ -94,7 +95,7 @@ class Controller(Protocol):
         """Whether a reaction to an unexpected impact has come to its end, so that the session stops the arms."""
         ...
 
-    def follow(self, ante: NDArray[void], post: NDArray[void], stiffness: NDArray[float64]) -> None:
+    def follow(self, ante: NDArray[void], post: NDArray[void], stiffness: Array) -> None:
         """Take the references (arms, n) of POINT and the plan's stiffness (6,), N/m and Nm/rad, before a clock runs."""
 
     def observe(self, side: int, elapsed_ns: int) -> None:

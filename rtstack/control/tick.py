@@ -155,7 +155,7 @@ class ArmController:
         self._tau_desired[:] = self._tau_previous
         return QpStatus.NOT_USED
 
-    def pursue(self, stiffness: NDArray[np.float64], posture_gain: float) -> None:
+    def pursue(self, stiffness: Array, posture_gain: float) -> None:
         """Set how hard setpoints are pursued from now on: stiffness (6,) N/m and Nm/rad (1/s^2 for acceleration tasks),
         posture gain 1/s^2."""
         self.setpoint["stiffness"][0] = stiffness
@@ -221,7 +221,7 @@ class CellController:
             for side, arm in enumerate(self.arms):
                 monitor.bind(side, arm.sample, arm.workspace, arm.control)
 
-    def follow(self, ante: NDArray[np.void], post: NDArray[np.void], stiffness: NDArray[np.float64]) -> None:
+    def follow(self, ante: NDArray[np.void], post: NDArray[np.void], stiffness: Array) -> None:
         """Look up where the references (arms, n) are, before a clock runs; see `pursue`."""
         for side, arm in enumerate(self.arms):
             arm.pursue(stiffness, arm.parameters.posture_gain)

@@ -38,7 +38,7 @@ class ShownFigure(Figure):
         return picture.getvalue()
 
 
-def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
+def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of so many inches and its axes, always a matrix."""
     figure = ShownFigure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(squeeze=False, **grid)

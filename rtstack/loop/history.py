@@ -19,13 +19,13 @@ EVENTS = 1024  # that are kept: a trial has some ten
 class Columns:
     """Samples of a run: arm and control (arms, n), timing (n,), object (m,), of the records of rtstack.samples."""
 
-    arm: NDArray
-    control: NDArray
-    timing: NDArray
-    object: NDArray
+    arm: NDArray[np.void]
+    control: NDArray[np.void]
+    timing: NDArray[np.void]
+    object: NDArray[np.void]
 
     @classmethod
-    def read(cls, topic: Callable[[str], NDArray]) -> "Columns":
+    def read(cls, topic: Callable[[str], NDArray[np.void]]) -> "Columns":
         """Return the samples that `topic` has of each of the topics, cut to the shortest of a tick. An arm of which
         there is no sample was not there; without any there are two."""
         arms, controls = ([topic(name) for name in names] for names in (ARM_TOPICS, CONTROL_TOPICS))

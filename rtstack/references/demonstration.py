@@ -69,7 +69,7 @@ def duration_s(script: Grab) -> float:
 def scripted_targets(
     script: Grab, models: tuple[ArmModel, ArmModel], homes: Array, thing: ObjectDescription, table: Table,
     period_s: float,
-) -> NDArray:  # fmt: skip
+) -> NDArray[np.void]:  # fmt: skip
     """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad.
 
     On the way the pads' faces turn parallel to the object's sides: one that meets a side at an angle of some degrees

@@ -171,18 +171,18 @@ class Recording:
     cutting, for `patient`. hits: index of each pad's impact. None: not known, or not found.
     """
 
-    points: NDArray
+    points: NDArray[np.void]
     period_s: float
     impact: int
     release: int
     object: str
     motion: Motion = Motion.GRAB
-    load: NDArray | None = None
+    load: NDArray[np.float64] | None = None
     detected: int | None = None
     problem: str | None = None
-    measured: NDArray | None = None
+    measured: NDArray[np.void] | None = None
     begin_s: float = 0.0
-    whole: NDArray | None = None
+    whole: NDArray[np.void] | None = None
     hits: tuple[int | None, ...] = (None, None)
 
     @property

@@ -22,8 +22,8 @@ class ExtendedReference:
     impact: what the monitor expects, None where the joints are not known, or of a push. planned: made by a planner.
     """
 
-    ante: NDArray
-    post: NDArray
+    ante: NDArray[np.void]
+    post: NDArray[np.void]
     period_s: float
     nominal_impact_s: float
     release_s: float

@@ -238,7 +238,7 @@ def walk(data: bytes, seen: NDArray[np.int64]) -> tuple[NDArray[Any], list[int],
     messages, defined, end = _walk(np.frombuffer(data, np.uint8), seen, rows, places)
     new = places[:defined].tolist()
     table = rows[:messages].view(MESSAGES)[:, 0]
-    return table, [place for place in new if place >= 0], [~place for place in new if place < 0], end
+    return table, [place for place in new if place >= 0], [~place for place in new if place < 0], int(end)
 
 
 @compiled
