@@ -275,23 +275,32 @@ def base_poses(description: CellDescription) -> tuple[NDArray[np.float64], ...]:
     return tuple(poses)
 
 
-def load_cell_description(path: Path) -> CellDescription:
-    """Read and check a cell description. Raises ConfigurationError with one line that names the key."""
-    description = configuration.load_toml(path, CellDescription)
+def load_cell_description(path: Path, homeless: bool = False) -> CellDescription:
+    """Read and check a cell description. homeless: its arms' `home` may be missing, and is not checked. Raises
+    ConfigurationError with one line that names the key."""
+    document, text = configuration.read_toml(path)
+    for side in SIDES if homeless else ():
+        if isinstance(arm := document.get(side), dict):
+            arm.setdefault("home", [0.0] * 7)
+    try:
+        description = configuration.from_document(document, CellDescription, str(path), text)
+    except ConfigurationError as error:
+        raise ConfigurationError(_advised(str(error), path)) from None
     if not description.mountings:
         raise ConfigurationError(f"{path}: a cell has one arm or two: [left], [right], or both")
     arms = {side: replace(arm, model=reference_in(path, arm.model)) for side, arm in description.mountings.items()}
     description, pad = replace(description, **arms), description.pad
     checks: list[tuple[str, Callable[[], object]]] = []
     for side, arm in arms.items():
-        checks += [(f"{side}.model: ", partial(getattr, arm, "robot")), (f"{side}.home", partial(_check_home, arm))]
+        checks += [(f"{side}.model: ", partial(getattr, arm, "robot"))]
+        checks += [] if homeless else [(f"{side}.home", partial(_check_home, arm))]
     checks.append(("right.address", lambda: _check_others([arm.address for arm in arms.values()])))
     for side, arm in arms.items():
         checks += [(f"{side}.serial", partial(_check_serial, arm)), (f"{side}.", partial(getattr, arm, "base"))]
     checks += [("objects.", lambda: _check_names(description.objects)), ("pad.", lambda: tool_of(pad))]
     checks += [(f"{side}.pad.", partial(tool_of, arm.pad or pad)) for side, arm in arms.items()]
     checks.append(("", lambda: [hardware_limits(model).tightened(description.safety) for model in description.robots]))
-    checks.append(("", lambda: check_plausible(description)))
+    checks.append(("", lambda: check_plausible(description, homeless)))
     for key, check in checks:
         try:
             check()
@@ -300,10 +309,15 @@ def load_cell_description(path: Path) -> CellDescription:
             name = re.match(r"[\w.]+", words)
             wrong = name[0].split(".") if name else ()
             place = configuration.place_of(str(path), configuration.read_file(path), wrong)
-            raise ConfigurationError(configuration.one_line(f"{place}: key {words}")) from None
+            raise ConfigurationError(configuration.one_line(_advised(f"{place}: key {words}", path))) from None
     if description.joint_friction is not None:
         description = replace(description, joint_friction=path.resolve().parent / description.joint_friction)
     return description
+
+
+def _advised(words: str, path: Path) -> str:
+    """Return an error's words, with what finds a home where it is about one."""
+    return f"{words}; `rtstack home {path}` finds one" if re.search(r"\bhome\b", words) else words
 
 
 def _check_names(objects: Collection[str]) -> None:

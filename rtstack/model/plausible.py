@@ -1,6 +1,6 @@
 """Whether the numbers of a cell's file can be those of a cell: what another unit or another order makes of them.
 
-The bounds are ours: an FR3 reaches 0.855 m and carries 3 kg, so that nothing of its cell is much further or heavier.
+The bounds are ours: such arms reach 0.9 m and carry 3 to 14 kg, so that nothing of a cell is much further or heavier.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hal.pad import Pad
-from rtstack.safety.body import rotation_from_quaternion
+from rtstack.safety.body import arm_body
 from rtstack.safety.guided import standing
 from rtstack.safety.limits import hardware_limits
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 _FAR_M, _LARGE_M, _HIGH_M, _PAD_M = 5.0, 1.0, 2.0, 0.5
 _HEAVY_KG, _PAD_KG = 20.0, (0.01, 5.0)
-_REACH_M, _SHOULDER_M = 1.0, 0.333  # from a shoulder, with a pad; the shoulder above the base
 _APART_M = 0.1
 _BOX = ("ee_lower", "ee_upper")
 _OUTSIDE_M = 0.1  # a calibration moves a base by some cm, another unit, order or side by more
 
 
-def check_plausible(description: "CellDescription") -> None:
-    """Raise ValueError, beginning with the key, for the first number that can hardly be meant."""
+def check_plausible(description: "CellDescription", homeless: bool = False) -> None:
+    """Raise ValueError, beginning with the key, for the first number that can hardly be meant. homeless: the arms'
+    `home` does not count."""
     for key, value, most in _lengths(description):
         if not np.abs(value).max() <= most:
             raise ValueError(f"{key}: {np.abs(value).max():g} m is more than {most:g} m: was it meant in mm?")
@@ -38,7 +38,9 @@ def check_plausible(description: "CellDescription") -> None:
     places = [arm.base_position for arm in description.arms]
     if len(places) == 2 and np.linalg.norm(np.array(places[0]) - np.array(places[1])) < _APART_M:
         raise ValueError("right.base_position: both bases are in one place")
-    _check_home(description)
+    _check_reach(description)
+    if not homeless:
+        _check_home(description)
 
 
 def _pads(description: "CellDescription") -> Iterator[tuple[str, Pad]]:
@@ -63,15 +65,22 @@ def _lengths(description: "CellDescription") -> Iterator[tuple[str, Any, float]]
         yield from ((f"{key}.size", pad.size, _PAD_M), (f"{key}.flange_to_face", pad.flange_to_face, _PAD_M))
 
 
-def _check_home(description: "CellDescription") -> None:
-    """Refuse a table out of the arms' reach, and bases whose pads, at home, are out of their box or in the table."""
-    for base, arm in zip(description.bases, description.arms, strict=True):
-        shoulder = base.position[2] + _SHOULDER_M * rotation_from_quaternion(np.array(arm.base_orientation_wxyz))[2, 2]
-        if abs(description.table.top_z - shoulder) > _REACH_M:
+def _check_reach(description: "CellDescription") -> None:
+    """Refuse a table out of the arms' reach: of what lies stretched between the second joint and the pad's face."""
+    for base, tool in zip(description.bases, description.tools, strict=True):
+        body = arm_body(base, tool)
+        lengths, along = body["translation"], body["base_rotation"] @ (0.0, 0.0, 1.0)
+        shoulder = base.position[2] + along[2] * (lengths[0] + body["rotation"][0] @ lengths[1])[2]
+        reach = np.linalg.norm([*lengths[2:], body["face"]], axis=1).sum()
+        if abs(description.table.top_z - shoulder) > reach:
             raise ValueError(
                 f"table.top_z: {description.table.top_z:g} m is out of the reach of an arm whose shoulder is at "
                 f"{shoulder:.3g} m"
             )
+
+
+def _check_home(description: "CellDescription") -> None:
+    """Refuse bases whose pads, at home, are out of their box or in the table."""
     limits = tuple(hardware_limits(model).tightened(description.safety) for model in description.robots)
     faces = standing(description.home, description.bases, description.tools, limits).face
     table, half = description.table, np.array(description.table.size_xy) / 2

@@ -136,6 +136,7 @@ WRONG = {
     "campaign": ("aim-aware-grab --quick --out done --scheduler nonsense", "no scheduler at nonsense"),
     "tune-monitor": ("none.mcap --out monitor.toml", "give at least"),
     "impact-map": ("none.toml", "none.toml: cannot be read"),
+    "home": ("none.toml", "none.toml: cannot be read"),
     "plan": ("plan.mcap --speed nan", "plan: speed"),
     "bench tick": ("--ticks 1", "--ticks"),
     "bench link": ("--cell moon", "unknown cell 'moon'"),
