@@ -42,22 +42,20 @@ class ArmDescription:
     flange_offset_z: float
 
 
-def _vector(text: str | None) -> Array:
-    return np.array([float(word) for word in (text or "0 0 0").split()])
+def _vector(text: str) -> Array:
+    return np.array([float(word) for word in text.split()])
 
 
-def _transform(origin: ElementTree.Element | None) -> Array:
-    """Transform of a URDF origin: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    T = np.eye(4)
-    if origin is None:
-        return T
-    (cr, cp, cy), (sr, sp, sy) = np.cos(_vector(origin.get("rpy"))), np.sin(_vector(origin.get("rpy")))
+def _transform(element: ElementTree.Element) -> Array:
+    """Transform of an element's origin, which every model's URDF has: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    T, origin = np.eye(4), _required(element, "origin").attrib
+    (cr, cp, cy), (sr, sp, sy) = np.cos(_vector(origin["rpy"])), np.sin(_vector(origin["rpy"]))
     T[:3, :3] = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
-    T[:3, 3] = _vector(origin.get("xyz"))
+    T[:3, 3] = _vector(origin["xyz"])
     return T
 
 
@@ -70,11 +68,11 @@ def _required(element: ElementTree.Element, path: str) -> ElementTree.Element:
 
 def _link(element: ElementTree.Element) -> Link:
     inertial = _required(element, "inertial")
-    pose = _transform(inertial.find("origin"))
+    pose = _transform(inertial)
     i = {key: float(value) for key, value in _required(inertial, "inertia").attrib.items()}
     tensor = np.array([[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]])
     capsules = tuple(
-        Capsule(_transform(c.find("origin")), float(shape.attrib["radius"]), float(shape.attrib["length"]) / 2.0)
+        Capsule(_transform(c), float(shape.attrib["radius"]), float(shape.attrib["length"]) / 2.0)
         for c in element.findall("collision")
         if (shape := c.find("geometry/cylinder")) is not None  # the spheres are the ends of these cylinders
     )
@@ -91,6 +89,6 @@ def arm_description(model: RobotModel) -> ArmDescription:
     chain = [joints[f"joint{i}"] for i in range(1, JOINTS + 1)]
     return ArmDescription(
         links=tuple(_link(links[f"link{i}"]) for i in range(JOINTS + 1)),
-        T_parent_joint=np.array([_transform(joint.find("origin")) for joint in chain]),
-        flange_offset_z=float(_transform(joints["joint8"].find("origin"))[2, 3]),
+        T_parent_joint=np.array([_transform(joint) for joint in chain]),
+        flange_offset_z=float(_transform(joints["joint8"])[2, 3]),
     )

@@ -1,7 +1,8 @@
 """A lab's own arms and objects: what the plant takes of the cell's file, where the controller finds its own values.
 
-A file with `model` or `pad` in [left] or [right] gives the simulated arm both, and its `home`; a file with one of the
-two tables describes a cell with this arm alone. [objects.NAME] and [objects.NAME.plant]: docs/howto/cell.md.
+A file with `model` or `pad` in [left] or [right] gives the simulated arm both, and its `home`; one with `model` places
+its base and the table, too. A file with one of the two tables describes a cell with this arm alone. [objects.NAME] and
+[objects.NAME.plant]: docs/howto/cell.md.
 """
 
 from dataclasses import asdict, fields, replace
@@ -11,10 +12,11 @@ from typing import Any
 from hal.base.configuration import ConfigurationError, from_document, read_toml
 from hal.robots import reference_in
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.scene import NO_OBJECT, SIDES, ArmPlacement, GraspObject, Scene
+from sim_robot.scene import NO_OBJECT, SIDES, ArmPlacement, GraspObject, Scene, Table
 
 # cardboard that is backed by its filling: those of the grabbing scene's rice_box
 WALLS = {"stiffness": 1e5, "damping_ratio": 0.6}
+_BASE = {"base_position": "T_world_base_position", "base_orientation_wxyz": "T_world_base_wxyz"}
 _UNITS = {"mass": " kg", "size": " m", "pad_friction": "", "table_friction": ""}  # what both sides may know
 
 
@@ -39,6 +41,9 @@ def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
         side: _as_described(arm, described.get(side, {}), cell_file, side)
         for side, arm in zip(scene.sides, scene.arms, strict=True)
     }
+    table, tables = described.get("table"), [described.get(side) for side in arms]
+    if isinstance(table, dict) and any(isinstance(each, dict) and "model" in each for each in tables):
+        scene = replace(scene, table=from_document(asdict(scene.table) | table, Table, f"{cell_file}: table"))
     return replace(scene, objects=objects, **arms)
 
 
@@ -51,6 +56,7 @@ def _as_described(arm: ArmPlacement, described: Any, cell_file: Path, side: str)
         raise ConfigurationError(f"{where}: model: expected a name or the path of a TOML, got {own['model']!r}")
     if "model" in own:
         own["model"] = reference_in(cell_file, own["model"])
+        own |= {_BASE[key]: described[key] for key in _BASE if key in described}
     known = {field.name: getattr(arm, field.name) for field in fields(arm) if field.name not in ("hand", "pad")}
     placed = replace(from_document(known | own, ArmPlacement, where), hand=arm.hand)
     load_plant_parameters().of(placed.robot)  # a bad key of its table [plant] is found before anything is opened

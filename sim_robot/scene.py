@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, degrees, pi, radians, sin
+from math import cos, degrees, hypot, pi, radians, sin
 from pathlib import Path
 from typing import Annotated
 
@@ -52,8 +52,10 @@ class ArmPlacement:
         limits = self.robot.limits
         if not np.all((limits.q_lower < self.home) & (self.home < limits.q_upper)):
             raise ValueError(f"home must be inside the position limits of the model {self.model!r}")
-        if abs(np.linalg.norm(self.T_world_base_wxyz) - 1.0) > 1e-6:
+        w, x, y, z = self.T_world_base_wxyz
+        if abs((norm := hypot(w, x, y, z)) - 1.0) > 1e-2:  # as a cell's file: four rounded digits
             raise ValueError("T_world_base_wxyz must be a unit quaternion")
+        object.__setattr__(self, "T_world_base_wxyz", (w / norm, x / norm, y / norm, z / norm))
 
 
 @dataclass(frozen=True, slots=True)
