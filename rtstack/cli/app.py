@@ -49,6 +49,7 @@ COMMANDS = {
     "tune-monitor": ("monitor", "Find the aim-aware monitor's parameters from good runs of one object."),
     "impact-map": ("impact_map", "Say what velocity follows an impact: single step and converged, with impulses."),
     "twin": ("twin", "Identify both arms from their logs: a profile of the simulated robot, a friction."),
+    "home": ("home", "Find where a trial starts: pads flat, clear of limits, table and other arm; or say why not."),
     "plan": ("plan", "Plan a reference without a demonstration: paths before and after the impact."),
     "completion": ("completion", "Print the script with which a shell completes commands, options and files."),
     "bench": ("bench", "Measure the stack on this machine."),

@@ -101,17 +101,32 @@ def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array,
 def joint_state_near(model: ArmModel, q: Array, point: NDArray) -> tuple[Array, Array, Array]:
     """Return the same, nearest to q, and the Jacobian (7, 7) of the twist and the posture's joint; the model is at the
     q that was found."""
+    found = placed(model, q, point["position"], point["rotation"], float(point["xi"]))
+    if found is None:
+        place = np.round(point["position"], 3).tolist()
+        raise SceneError(f"no configuration with the pad at {place} and joint 1 at {point['xi']:.3f} rad")
+    q, J = found
+    return q, np.linalg.solve(J, np.append(point["twist"], point["dxi"])), J
+
+
+def placed(
+    model: ArmModel, q: Array, position: Array | tuple[float, float, float], rotation: Array,
+    posture: float | None = None, steps: int = STEPS,
+) -> tuple[Array, Array] | None:  # fmt: skip
+    """Return a configuration (7,) rad near q with the pad's face there, by Newton's method, and the Jacobian of its
+    twist, (6, 7), or (7, 7) with the posture's joint where that is to be at `posture`, rad; None where it does not
+    come there in so many steps. position (3,) m and rotation (3, 3) in the world. The model is at the q that was found.
+    """
     rotation_error = np.empty(3)
-    for _ in range(STEPS):
+    for _ in range(steps):
         model.update(q, np.zeros(7))
         face = model.p7 + model.R7 @ model.face
-        rotation = model.R7 @ model.R_joint_ee
-        log_so3(point["rotation"] @ rotation.T, rotation_error)
-        error = np.concatenate([point["position"] - face, rotation_error, [point["xi"] - q[POSTURE_JOINT]]])
-        J = np.vstack([moved_to(face, model.J0), np.eye(7)[POSTURE_JOINT]])
+        log_so3(rotation @ (model.R7 @ model.R_joint_ee).T, rotation_error)
+        error, J = np.concatenate([position - face, rotation_error]), moved_to(face, model.J0)
+        if posture is not None:
+            error, J = np.append(error, posture - q[POSTURE_JOINT]), np.vstack([J, np.eye(7)[POSTURE_JOINT]])
         if np.abs(error).max() <= PLACED:
-            return q, np.linalg.solve(J, np.append(point["twist"], point["dxi"])), J
+            return q, J
         step = np.linalg.lstsq(J, error)[0]
         q = q + step / max(1.0, float(np.abs(step).max()) / 0.3)
-    place = np.round(point["position"], 3).tolist()
-    raise SceneError(f"no configuration with the pad at {place} and joint 1 at {point['xi']:.3f} rad")
+    return None
