@@ -203,7 +203,7 @@ def test_a_qp_without_an_answer_stops(stage, status):
 
 def test_a_torque_that_is_no_number_stops(stage):
     def spoil():
-        command = stage.controller.arms[0].command
+        command = stage.controller.arms[0].law.command
 
         def broken(mode):
             status = command(mode)
