@@ -20,8 +20,8 @@ from console.parts import Parts, parts_of
 from console.refused import Refused
 
 from console.routes import (  # isort: skip
-    access, calibration, cameras, campaigns, control, description, jobs, layouts, live, logs, pages, policy, queue,
-    recordings, retention, review, scene, teleoperation, training, trials,
+    access, calibration, cameras, campaigns, control, description, jobs, layouts, live, logs, pages, panels, policy,
+    queue, recordings, retention, review, scene, teleoperation, training, trials,
 )  # fmt: skip
 from console.routes.description import describe, operation_id
 from console.routes.problems import problems
@@ -37,7 +37,7 @@ from rtstack.trials.errors import TrialError
 
 _ROUTES = (
     pages, description, access, live, control, jobs, queue, trials, campaigns, logs, layouts, retention,
-    cameras, review, scene, teleoperation, policy, training, recordings, calibration,
+    cameras, review, scene, teleoperation, policy, training, recordings, calibration, panels,
 )  # fmt: skip
 
 

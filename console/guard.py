@@ -29,7 +29,7 @@ _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 
 # our pages: nothing inline, nothing from elsewhere; the scene's page brings its script inside itself (viser's client
 # is one file that unpacks and evaluates itself), and may still speak to this origin only
-_PAGE_POLICY = (
+PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
     "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
@@ -117,6 +117,8 @@ class Guard:
             return _refuse(401, "not signed in: open the address that `rtstack up` printed, or bring a bearer token")
         if changes and not bearer and path != SIGN_IN and not csrf_matches(session, headers.get(CSRF_HEADER)):
             return _refuse(403, f"the header {CSRF_HEADER} is missing or wrong: reload the page")
+        if session.panel is not None and path not in (f"/api/panels/{session.panel}", _STOP):
+            return _refuse(403, f"this token is for /api/panels/{session.panel} alone")
         if session.scope is not Right.OPERATE and (
             (changes and path not in _FOR_VIEWERS) or (websocket and not path.startswith(_STREAMS_FOR_VIEWERS))
         ):
@@ -161,7 +163,7 @@ def _text_only(receive: Receive, send: Send) -> Receive:
 
 
 def _with_security_headers(scope: Scope, send: Send) -> Send:
-    policy = _SCENE_POLICY if scope["path"].startswith(SCENE_PREFIX) else _PAGE_POLICY
+    policy = _SCENE_POLICY if scope["path"].startswith(SCENE_PREFIX) else PAGE_POLICY
 
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":

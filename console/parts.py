@@ -13,6 +13,7 @@ from console.calibration import CellCalibration
 from console.campaigns.campaigns import Campaigns
 from console.live.heartbeats import OperatorHeartbeats
 from console.live.watch import STATUS_TIMEOUT_S, Watch
+from console.panels import Panels
 from console.questions.questions import Questions
 from console.queue.queue import FILE_NAME as QUEUE_FILE
 from console.queue.queue import Queue
@@ -63,6 +64,7 @@ class Parts:
     questions: Questions
     layouts: Layouts
     calibration: CellCalibration
+    panels: Panels
     profile: str = ""
 
 
@@ -101,6 +103,7 @@ def assemble(
         questions=questions,
         layouts=Layouts(logs),
         calibration=CellCalibration(cell_file, logs, questions, watch),
+        panels=kept(Panels(logs, watch)),
         profile=profile,
     )
 

@@ -30,8 +30,9 @@ class UserSession:
     """A signed-in browser or program. No two sessions have the same name at the same time.
 
     `key`: a browser's cookie, of a program a word that never leaves this process; `csrf`: what every change that a
-    browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token; `feed`: part of
-    the live feed's address, good for watching; `stop`: a browser's second cookie, which outlives the session, for STOP.
+    browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token; `panel`: all
+    that it may ask for, None for everything; `feed`: part of the live feed's address, good for watching; `stop`: a
+    browser's second cookie, which outlives the session, for STOP.
     """
 
     key: str
@@ -40,6 +41,7 @@ class UserSession:
     operator: str
     scope: Scope
     token: str | None = None
+    panel: str | None = None
     feed: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     stop: str = field(default_factory=lambda: secrets.token_urlsafe(32))
 
@@ -164,7 +166,7 @@ class SignIn:
             session = self._sessions.get(self._programs.get(token.id, ""))
             if session is None:
                 key, name = secrets.token_urlsafe(32), self._free_name(token.name)
-                session = UserSession(key, "", float("inf"), name, token.scope, token.id)
+                session = UserSession(key, "", float("inf"), name, token.scope, token.id, token.panel)
                 self._sessions[key], self._programs[token.id] = session, key
             return session
 

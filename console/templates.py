@@ -14,6 +14,7 @@ from markupsafe import Markup
 from console.address import Address
 from console.parts import Parts
 from console.sign_in import UserSession
+from rtstack.live.panel import PANELS
 from rtstack.palette import MODE_STYLES
 
 _FOLDER = Path(__file__).parent / "static" / "js"
@@ -41,6 +42,7 @@ TEMPLATES = Environment(
 )
 TEMPLATES.globals["mode_words"] = {mode.name: style.word for mode, style in MODE_STYLES.items()}
 TEMPLATES.globals["page_script"] = page_script
+TEMPLATES.globals["panel_names"] = PANELS.names
 
 # answers for programs and for the pages' scripts; every other address is a page
 _NOT_PAGES = ("/api/", "/static/", "/viser/", "/assets/", "/foxglove/", "/live")

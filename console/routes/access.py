@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query
 from fastapi.exceptions import HTTPException
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
@@ -65,10 +66,11 @@ class Pairing:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class TokenOrder:
-    """What a program is called, and what it shall be able to do."""
+    """What a program is called, and what it shall be able to do; panel: to look at that one, and at nothing else."""
 
     name: TokenName
     scope: Scope = Scope.VIEW
+    panel: Annotated[str, Field(max_length=80)] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,7 @@ class TokenRow:
     scope: Scope
     created_s: float
     used_s: float | None
+    panel: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +138,10 @@ def tokens(session: NeedsSession, parts: NeedsParts) -> list[TokenRow]:
 @router.post("/tokens", status_code=201, responses=problems(409))
 def create_token(order: TokenOrder, session: NeedsSession, parts: NeedsParts) -> NewToken:
     """Make a token for a program. The answer has it; it cannot be shown again."""
-    token, word = parts.sign_in.tokens.create(order.name, order.scope)
-    text = f"{session.operator} made token {token.id} for {token.name}: {token.scope}"
+    if order.panel is not None and order.panel not in parts.panels.packages():
+        raise HTTPException(422, f"panel: no installed package offers a panel {order.panel!r}")
+    token, word = parts.sign_in.tokens.create(order.name, order.scope, order.panel)
+    text = f"{session.operator} made token {token.id} for {token.name}: {order.panel or token.scope}"
     parts.audit.note("token", session.operator, text)
     return NewToken(_row(token, parts), word)
 
@@ -156,4 +161,4 @@ def audit(parts: NeedsParts, limit: Annotated[int, Query(ge=1, le=1000)] = 100) 
 
 
 def _row(token: Token, parts: Parts) -> TokenRow:
-    return TokenRow(token.id, token.name, token.scope, token.created_s, parts.sign_in.used_s(token.id))
+    return TokenRow(token.id, token.name, token.scope, token.created_s, parts.sign_in.used_s(token.id), token.panel)

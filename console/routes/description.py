@@ -37,6 +37,7 @@ _TAGS = {
     "teleoperation": "Teleoperation of the arms.",
     "training": "Faults of simulated arms at a random moment, and what the operator did about them.",
     "recordings": "Demonstrations: extracted, accepted, thrown away.",
+    "panels": "What panels of installed packages show.",
     "logs": "The list of logs, what the review reads of one, what people say about them, and the trash.",
 }
 

@@ -1,19 +1,21 @@
 """The pages."""
 
 from contextlib import suppress
+from typing import Literal
 from urllib.parse import parse_qs
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from markupsafe import Markup
 from starlette.concurrency import run_in_threadpool
 
-from console.guard import SIGN_IN
+from console.guard import PAGE_POLICY, SIGN_IN
 from console.live.remedies import chapters
 from console.parts import NeedsParts, Parts, parts_of, takes_two_arms
 from console.refused import Refused
 from console.review.logs import entry_of, opened_entry
 from console.routes.recordings import recording_entry
-from console.templates import mode_sheet, show, sign_in_page
+from console.templates import TEMPLATES, mode_sheet, show, sign_in_page
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Reaction
 from rtstack.teleoperation import reach
@@ -25,6 +27,10 @@ _REACH = {
     "slowest": reach.SLOWEST_M_S, "fastest": reach.FASTEST_M_S, "speed": reach.SPEED_M_S,
     "softest": reach.SOFTEST_N_M, "hardest": reach.HARDEST_N_M, "stiffness": reach.STIFFNESS_N_M,
 }  # fmt: skip
+_PANEL_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; form-action 'none'; base-uri 'none'; frame-ancestors 'self'"
+)
 _CHOICES = {"controllers": controller_names(), "reactions": [str(name) for name in Reaction]}
 
 
@@ -93,6 +99,22 @@ _add("/campaigns", "campaigns", "a campaign of trials", default_controller=DEFAU
 _add("/headset", "headset", reach=_REACH)  # for a headset's browser
 _add("/access", "access")  # invitations, tokens and the audit trail
 _add("/logs", "logs")
+
+
+@router.get("/panels", response_class=HTMLResponse)
+def panels(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page of the panels. Its frames may show no other address than theirs."""
+    page = show("panels.html", "panels", request, parts, panels=parts.panels.packages())
+    frames = f"frame-src {request.base_url}panels/"
+    page.headers["content-security-policy"] = PAGE_POLICY.replace("frame-src 'self'", frames)
+    return page
+
+
+@router.get("/panels/{name}", response_class=Response)
+def panel_frame(name: str, parts: NeedsParts, theme: Literal["dark", "light"] = "dark") -> Response:
+    """Return the document in a panel's frame: of an origin of its own, which reaches no address at all."""
+    html = TEMPLATES.get_template("panel_frame.html").render(theme=theme, html=Markup(parts.panels.html(name)))
+    return Response(html, media_type="text/html", headers={"content-security-policy": _PANEL_POLICY})
 
 
 @router.get("/recovery", response_class=HTMLResponse)

@@ -48,13 +48,15 @@ class NoSuchToken(TokensError):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Token:
-    """A token as it is kept. `created_s`: Unix time, s; `digest`: SHA-256 of the token, in hexadecimal."""
+    """A token as it is kept. `created_s`: Unix time, s; `digest`: SHA-256 of the token, in hexadecimal; `panel`: the
+    only one that it may look at, None for everything that its scope allows."""
 
     id: Annotated[str, Field(pattern=r"^[0-9a-f]{8}$")]
     name: TokenName
     scope: Scope
     created_s: float
     digest: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    panel: str | None = None
 
 
 _TOKENS = TypeAdapter(list[Token])
@@ -99,8 +101,10 @@ class Tokens:
         token = self.match(word) or self._known.get(word.partition("_")[2].partition("_")[0])
         return token if token is not None and hmac.compare_digest(_digest(word), token.digest) else None
 
-    def create(self, name: str, scope: Scope) -> tuple[Token, str]:
+    def create(self, name: str, scope: Scope, panel: str | None = None) -> tuple[Token, str]:
         """Make a token; return it and its word, which cannot be shown again. Raises TokensError."""
+        if panel is not None and scope is not Scope.VIEW:
+            raise TokensError("panel: a token for one panel may look, its scope is `view`")
         try:
             name = _NAME.validate_python(name)
         except ValidationError:
@@ -112,7 +116,7 @@ class Tokens:
                 raise TokensError(f"there are {MAX_TOKENS} tokens; revoke one first")
             token_id = secrets.token_hex(4)
             word = f"{_PREFIX}_{token_id}_{secrets.token_urlsafe(32)}"
-            token = tokens[token_id] = Token(token_id, name, scope, time.time(), _digest(word))
+            token = tokens[token_id] = Token(token_id, name, scope, time.time(), _digest(word), panel)
             return token, word
 
     def revoke(self, token_id: str) -> Token:
@@ -151,7 +155,8 @@ class Tokens:
             with locked(self._folder):  # not the file, which is replaced
                 tokens = dict(self._load())
                 yield tokens
-                content = json.dumps([asdict(token) for token in tokens.values()], indent=1)
+                rows = [{k: v for k, v in asdict(token).items() if v is not None} for token in tokens.values()]
+                content = json.dumps(rows, indent=1)  # as older versions read it, where no token is for a panel
                 write_whole(self.path, content, durable=True, mode=0o600)
                 self._load()  # a revoked token ends here, whatever becomes of the folder
         except OSError as error:

@@ -14,6 +14,7 @@ from rtstack.access.tokens import Scope, Tokens, TokensError
 from rtstack.cli.options import LogFolder
 from rtstack.cli.tables import print_table
 from rtstack.live.audit import FILE_NAME, AuditTrail
+from rtstack.live.panel import PANELS
 from rtstack.trials.errors import TrialError
 
 _PATIENCE_S = 10.0
@@ -27,14 +28,15 @@ ScopeName = Annotated[Scope, typer.Option("--scope", help="view: look, and press
 def token_create(
     name: Annotated[str, typer.Option(help="What the program is called, in the audit trail too.")],
     scope: ScopeName = Scope.VIEW,
+    panel: Annotated[str | None, typer.Option(help="To look at this panel of the console, and nothing else.")] = None,
     logs: LogFolder = Path("logs"),
 ) -> None:
     """Make a token for a program and print it, once."""
     with _tokens(logs) as tokens:
-        token, word = tokens.create(name, scope)
+        token, word = tokens.create(name, scope, None if panel is None else PANELS.check(panel))
     typer.echo(word)
     typer.echo("Keep it: it cannot be shown again. Requests bring it as `Authorization: Bearer TOKEN`.", err=True)
-    _note(logs, f"made token {token.id} for {token.name}: {token.scope}")
+    _note(logs, f"made token {token.id} for {token.name}: {panel or token.scope}")
 
 
 @token.command("list")
@@ -43,7 +45,7 @@ def token_list(logs: LogFolder = Path("logs")) -> None:
     with _tokens(logs) as tokens:
         rows = tokens.all()
     made = [time.strftime("%Y-%m-%d %H:%MZ", time.gmtime(row.created_s)) for row in rows]
-    cells = [(row.id, row.name, row.scope, when) for row, when in zip(rows, made, strict=True)]
+    cells = [(row.id, row.name, row.panel or row.scope, when) for row, when in zip(rows, made, strict=True)]
     print_table(("id", "name", "scope", "made"), cells, "no tokens")
 
 

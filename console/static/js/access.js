@@ -67,7 +67,9 @@ class Page {
   async order(event, path, failure, show) {
     event.preventDefault();
     try {
-      show(await post(path, bodyOf(event.target)));
+      const { scope, ...body } = bodyOf(event.target);
+      const panel = /^panel (.+)$/.exec(scope)?.[1];
+      show(await post(path, panel === undefined ? { scope, ...body } : { scope: "view", panel, ...body }));
       await this.refresh();
     } catch (error) {
       showError(`${failure}: ${error.message}.`);
@@ -106,7 +108,7 @@ class Page {
     $("no-token").hidden = tokens.length > 0;
     this.rows("tokens", tokens, (row, token) => {
       cell(row, token.name).title = token.id;
-      cell(row, MAY[token.scope]);
+      cell(row, token.panel === null ? MAY[token.scope] : `look at the panel ${token.panel}`);
       cell(row, when(token.created_s));
       cell(row, token.used_s === null ? "not since this console started" : when(token.used_s));
       const revoke = button("Revoke", () => this.revoke(token));
