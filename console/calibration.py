@@ -135,8 +135,7 @@ class CellCalibration:
 
     def _fit(self, points: dict[str, Point], sides: Sequence[str]) -> Question | None:
         measured = any(point.measured(sides) for point in points.values())
-        today = datetime.date.today().isoformat()
-        return self._questions.ask("calibration", self._path, today) if measured else None
+        return self._questions.ask("calibration", self._path, datetime.date.today().isoformat()) if measured else None
 
     def _points(self) -> dict[str, Point]:
         return load_points(self._path) if self._path.exists() else {}

@@ -117,8 +117,7 @@ class SimulatedCell:
         first_command_ms = plant.profile.box.first_command_ms or parameters.reflexes.first_command_timeout_ms
         tolerances = replace(parameters.reflexes, first_command_timeout_ms=first_command_ms)
         self.boxes = tuple(box_kind(plant, side, tolerances) for side in range(count))
-        disturbed = bool(faults) or empty
-        self.faults = Injection(faults, plant, self.boxes, empty) if disturbed else None
+        self.faults = Injection(faults, plant, self.boxes, empty) if faults or empty else None
         tracker = tracker_of(plant, parameters.tracker, seed)
         self.tracker = tracker if self.faults is None else FaultyTracker(tracker, self.faults)
         # None: no hand is mounted

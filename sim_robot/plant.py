@@ -57,9 +57,8 @@ def draw_arm(description: ArmDescription, parameters: PlantParameters, generator
         centre = link.centre + 1e-3 * scatter.link_centre_mm * generator.standard_normal(3)
         return replace(link, mass=float(link.mass * mass), inertia=link.inertia * inertia, centre=centre)
 
-    links = tuple(drawn(link) for link in description.links)
     return DrawnArm(
-        description=replace(description, links=links),
+        description=replace(description, links=tuple(drawn(link) for link in description.links)),
         B=np.array(joints.B) * around_one(scatter.motor_inertia),
         B_theta=np.array(joints.B_theta) * around_one(scatter.motor_inertia),
         K=np.array(joints.K) * around_one(scatter.joint_stiffness),
@@ -355,5 +354,4 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
         pairs = self.model.geom_bodyid[self.data.contact.geom]
         ends = (*self.pad_bodies, *chain.from_iterable(self.finger_bodies))
-        touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, ends).any(axis=1)
-        return bool(touched.any())
+        return bool(((pairs == self._object_body).any(axis=1) & np.isin(pairs, ends).any(axis=1)).any())

@@ -51,8 +51,7 @@ class Built:
 
     def to_tracker(self, place: Array) -> Array:
         """Return a place of the world (3,), m, in the tracker's frame."""
-        turn = _quaternion(self.tracker_deg)
-        return _turned(turn * _INVERSE, place - 1e-3 * np.array(self.tracker_mm))
+        return _turned(_quaternion(self.tracker_deg) * _INVERSE, place - 1e-3 * np.array(self.tracker_mm))
 
     def body(self, position: Array, wxyz: Array) -> Array:
         """Return where the body that the tracker follows is in the world, (3,) m, for an object's pose there."""

@@ -109,8 +109,7 @@ class CampaignFolder:
 
     def figures(self) -> dict[str, Path]:
         """Return the figures by hidden names: as long as there is no report, those of the results so far."""
-        drawn = sorted((self.path / FIGURES).glob("[!.]*.png"))
-        return {hidden(f"{FIGURES}/{path.name}"): path for path in drawn}
+        return {hidden(f"{FIGURES}/{path.name}"): path for path in sorted((self.path / FIGURES).glob("[!.]*.png"))}
 
     def claims(self) -> list[dict[str, str]]:
         """Return the claims with their verdicts: as long as there is no report, about the results so far."""

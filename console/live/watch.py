@@ -273,8 +273,7 @@ class Watch:
         elif self._runs_since is None or self._runs_since[0] != job.number:
             self._runs_since = job.number, now_s
         led = self._runs_since is not None and all(arm.changed_s > self._runs_since[1] for arm in arms)
-        moved = any(now_s - arm.moved_s < MOVED_S for arm in arms)
-        return cell_state(status, led, moved, self._squeeze.held_n)
+        return cell_state(status, led, any(now_s - arm.moved_s < MOVED_S for arm in arms), self._squeeze.held_n)
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):

@@ -38,8 +38,7 @@ def _calibration(path: Path, cell: CellDescription, today: str, progress: Progre
 
 def _path(path: Path, cell: CellDescription, _: None, progress: Progress) -> dict[str, Any]:
     parameters = cell_parameters(cell)
-    reference = load_reference(path, arm_controllers(cell, parameters), parameters.detector, cell.sides)
-    return asdict(path_of(reference))
+    return asdict(path_of(load_reference(path, arm_controllers(cell, parameters), parameters.detector, cell.sides)))
 
 
 QUESTIONS: dict[str, Callable[[Path, CellDescription, Any, Progress], Any]] = {

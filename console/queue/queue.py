@@ -160,10 +160,9 @@ class Queue:
 
 def load_entries(path: Path) -> tuple[Entry, ...]:
     """Return the entries, none where there is no file; what ran is stopped. Raises Refused."""
-    entries = load_beside(path, tuple[Entry, ...], _broken, "to begin with an empty queue")
     return tuple(
         replace(entry, state=EntryState.STOPPED, reason=INTERRUPTED) if entry.state is EntryState.RUNNING else entry
-        for entry in entries
+        for entry in load_beside(path, tuple[Entry, ...], _broken, "to begin with an empty queue")
     )
 
 

@@ -46,7 +46,6 @@ def begin(order: ExerciseOrder, session: NeedsSession, parts: NeedsParts) -> Tra
     if not parts.cell.simulated:
         raise HTTPException(409, "these arms are real: faults are scripted on simulated ones only")
     exercise, at_s = parts.trainer.choose(order.fault)
-    asked = DemonstrationSpecification(object=order.object)
-    status = start_job(parts, asked, session, exercise.faults(at_s))
+    status = start_job(parts, DemonstrationSpecification(object=order.object), session, exercise.faults(at_s))
     parts.trainer.follow(exercise, at_s, status, order.fault == SURPRISE)
     return training(parts)

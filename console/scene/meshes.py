@@ -58,8 +58,7 @@ def light_parts(model: RobotModel, link: str) -> list[Part]:
 @cache
 def hull_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the convex hull of a link, larger by GROWN_M: few faces, and none inside, for what is seen through."""
-    vertices = np.vstack([part.vertices for part in light_parts(model, link)])
-    hull = trimesh.Trimesh(vertices).convex_hull
+    hull = trimesh.Trimesh(np.vstack([part.vertices for part in light_parts(model, link)])).convex_hull
     grown = hull.vertices + GROWN_M * hull.vertex_normals
     return [Part(np.asarray(grown, np.float32), np.asarray(hull.faces, np.uint32), _PLAIN)]
 

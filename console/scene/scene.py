@@ -83,8 +83,7 @@ class ArmFigure:
             outwards = 0.24 if side == "left" else -0.24
             scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
         else:
-            edges = box_edges(size, np.zeros(3)) @ box[:3, :3].T + centre
-            add_edges(scene, f"{path}/pad_edges", edges, colour)
+            add_edges(scene, f"{path}/pad_edges", box_edges(size, np.zeros(3)) @ box[:3, :3].T + centre, colour)
         self.show(np.array(mounting.home))
 
     def show(self, q: Sequence[float] | Array | None) -> None:

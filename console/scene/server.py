@@ -115,8 +115,7 @@ def _guarded(secret: str) -> Iterator[None]:
         handler: Any, host: str, port: int, *, process_request: ProcessRequest | None = None, **more: Any
     ) -> Any:
         def check(connection: ServerConnection, request: Request) -> Response | None:
-            brought = request.headers.get(SECRET_HEADER, "")
-            if not hmac.compare_digest(brought.encode(), secret.encode()):
+            if not hmac.compare_digest(request.headers.get(SECRET_HEADER, "").encode(), secret.encode()):
                 return Response(HTTPStatus.FORBIDDEN, "Forbidden", Headers({"Content-Length": "0"}), b"")
             welcome(connection.transport.get_extra_info("socket"), "proxy")
             return None if process_request is None else process_request(connection, request)

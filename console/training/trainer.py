@@ -144,8 +144,7 @@ class Trainer:
             verdict = "not what it needs"
         remedy, did = remedy_of(exercise.row), None if event is None else event.text
         row = "" if remedy is None else remedy.anchor
-        over = ExerciseView(Stage.OVER, exercise.words, job, did, after_s, right, verdict, exercise.todo, row)
-        self._show(over, job)
+        self._show(ExerciseView(Stage.OVER, exercise.words, job, did, after_s, right, verdict, exercise.todo, row), job)
 
     def _show(self, view: ExerciseView, job: int) -> None:
         with self._lock:

@@ -82,8 +82,7 @@ class Journal:
             while entries:
                 entry = entries.pop()
                 line = self._undone(entry)
-                left = "".join(json.dumps(entry) + "\n" for entry in entries)
-                _replace(self._path, left.encode(), 0o600)
+                _replace(self._path, "".join(json.dumps(entry) + "\n" for entry in entries).encode(), 0o600)
                 if entry["kind"] == "folders":
                     self._path.unlink()
                     _remove([self._machine.root / name for name in entry["folders"]])
@@ -134,8 +133,7 @@ class Journal:
 
 
 def _digest(content: str | bytes) -> str:
-    data = content.encode() if isinstance(content, str) else content
-    return hashlib.sha256(data).hexdigest()
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def _missing(folder: Path) -> list[Path]:

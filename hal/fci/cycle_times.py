@@ -41,8 +41,7 @@ class CycleTimes:
         self.free_ns = 0  # when the loop had ended its last cycle, of the monotonic clock
         self._read_ns = 0
         self._words = np.zeros(_WORDS, np.int64)
-        clock = np.zeros(2, np.int64)
-        self._answer = bound(_answer, peeked.words, self._words, self.sample, clock, later=(0, 0, 0))
+        self._answer = bound(_answer, peeked.words, self._words, self.sample, np.zeros(2, np.int64), later=(0, 0, 0))
 
     def read(self) -> None:
         self._read_ns = time.monotonic_ns()

@@ -91,8 +91,7 @@ class FciPair:
                 arm.cycles = CycleTimes(arm.peeked)
             self._hold_thread.hold(arm)  # compiled, or loaded from the cache, before an arm moves
             arm.reconnected = self._forget_sockets
-        cycles = tuple(arm.cycles for arm in self.arms.values() if arm.cycles is not None)
-        self.cycles = cycles or None
+        self.cycles = tuple(arm.cycles for arm in self.arms.values() if arm.cycles is not None) or None
         self._watch_sockets()
 
     def _watch_sockets(self) -> StateWatch:

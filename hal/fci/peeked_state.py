@@ -132,8 +132,7 @@ class PeekedState:
         self.look = bound(_look, self.words, *buffers, clock, later=(0,))
         # take(number): that state was read; write it to the arm's, if it is the one that was looked at: see `unpack`.
         # JUMPED where the number cannot be the robot's: one that came between the look and the read
-        record = (state or ArmState.empty()).record
-        self.take = bound(_state, self.words, datagram, record, clock, later=(0,))
+        self.take = bound(_state, self.words, datagram, (state or ArmState.empty()).record, clock, later=(0,))
 
     @property
     def strange(self) -> str:

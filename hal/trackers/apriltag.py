@@ -119,8 +119,7 @@ def _filmed(camera: TagCamera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yield those of a device, as `_sent` does."""
     import cv2
 
-    source = int(camera.source) if camera.source.isdecimal() else camera.source
-    film = cv2.VideoCapture(source)
+    film = cv2.VideoCapture(int(camera.source) if camera.source.isdecimal() else camera.source)
     if not film.isOpened():
         raise OSError(f"OpenCV cannot open {camera.source}")
     film.set(cv2.CAP_PROP_FRAME_WIDTH, camera.size[0])
@@ -136,8 +135,7 @@ def _filmed(camera: TagCamera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
             if not ok or picture.shape[1::-1] != camera.size:
                 raise OSError(f"{camera.source} gives no pictures of {camera.size}")
             stamped = 0 <= now_ns - driver_ns < 1e9 * _LONGEST_STAMP_S
-            grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
-            yield (driver_ns if stamped else now_ns), grey
+            yield (driver_ns if stamped else now_ns), np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
     finally:
         film.release()
     raise OSError(f"{camera.source} gives no more pictures")

@@ -234,8 +234,7 @@ class NatNetTracker(TrackerProcess):
     def __init__(self, request: TrackerRequest) -> None:
         """Start the process. Raises OSError, also where the host's name is not known; ValueError for a request without
         the body's number."""
-        host = socket.gethostbyname(request.host)
-        arguments = (host, str(request.port), str(request.body), request.multicast)
+        arguments = (socket.gethostbyname(request.host), str(request.port), str(request.body), request.multicast)
         super().__init__(request, "hal.trackers.natnet", *arguments)
 
 

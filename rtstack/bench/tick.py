@@ -105,8 +105,7 @@ def bench_tick(description: CellDescription, parameters: Parameters, ticks: int,
         Times in us. tick_*: of the whole dual-arm tick, no limit active; constrained_*: a limit active in half of the
         ticks; model, observe, monitor, command, judge: parts of the tick without a limit, p50.
     """
-    rng = np.random.default_rng(seed)
-    pair = _Pair(description, parameters, rng)
+    pair = _Pair(description, parameters, np.random.default_rng(seed))
     times: dict[bool, list[int]] = {False: [], True: []}
     solved = unsolved = 0
     for constrained in (False, True):

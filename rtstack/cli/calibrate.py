@@ -67,8 +67,7 @@ def wiggle(
     description = host.description
     if side not in description.sides:
         raise TrialError(f"the cell {description.name} has no {side} arm: it has {' and '.join(description.sides)}")
-    prepared = PreparedWiggle(SweepSpecification("", joint, 0), description, description.sides.index(side))
-    result = host.run(prepared)
+    result = host.run(PreparedWiggle(SweepSpecification("", joint, 0), description, description.sides.index(side)))
     if not result.success:
         fail(str(result.failure_reason))
     other = ": was it the other arm that moved, then exchange the addresses of [left] and [right], or the cables"

@@ -45,8 +45,7 @@ def commission(
         before = next(each for each in states(description, file) if not each.done or each.step.name == step)
         if before.step.name != step:
             raise TrialError(f"step {step} comes after {before.step.name}: {before.step.command}")
-        values = _shown(step, log, description, file)
-        sign_step(step, sign, values, description, file, log=log.name)
+        sign_step(step, sign, _shown(step, log, description, file), description, file, log=log.name)
     found = Commissioning(states(description, file))
     if json:
         rows = [

@@ -171,6 +171,5 @@ def _refuse_in_use(addresses: Mapping[str, str], cell_file: Path | None) -> None
                 state = client.status()
         except (RobotRefused, RobotUnreachable):
             continue
-        used = set(state.cell.partition(":")[2].split(","))
-        if used & arms and state.phase not in (Phase.DISARMED, Phase.FAULT):
+        if set(state.cell.partition(":")[2].split(",")) & arms and state.phase not in (Phase.DISARMED, Phase.FAULT):
             raise TrialError(f"a stack has these arms and is {state.phase} ({socket}): disarm it first")

@@ -12,19 +12,22 @@ import typer
 from rtstack.trials.errors import TrialError
 
 
-def asks_for(kind: type, *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def asks_for(kind: type | dict[str, Any], *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command with the parameter `asked`: the options that were given, by the names of fields of a record.
 
     A field without an option of the command gets one, of its type and default, in the place of `asked`. without: fields
-    that the command line does not ask for.
+    that the command line does not ask for. kind: the record, or the annotation of each option, all None by default.
     """
-    types, names = get_type_hints(kind), {each.name: each.default for each in fields(kind) if each.name not in without}
+    types = kind if isinstance(kind, dict) else get_type_hints(kind)
+    defaults = dict.fromkeys(types) if isinstance(kind, dict) else {each.name: each.default for each in fields(kind)}
+    names = {name: default for name, default in defaults.items() if name not in without}
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         declared = inspect.signature(command).parameters
 
         def option(name: str, default: Any) -> inspect.Parameter:
-            annotation = Annotated[types[name], typer.Option(f"--{name.replace('_', '-')}")]
+            named = Annotated[types[name], typer.Option(f"--{name.replace('_', '-')}")]
+            annotation = types[name] if isinstance(kind, dict) else named
             return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
         @wraps(command)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rtstack.cli.options import CellFile, Json, ObjectName
+from rtstack.cli.options import CellFile, Json, ObjectName, asks_for
 from rtstack.references.motion import Motion
 
 if TYPE_CHECKING:
@@ -18,55 +18,38 @@ _GRAB_ONLY = ("rise", "squeeze", "lift", "lift_s", "momentum_s", "carry")
 _PUSH_ONLY = ("travel",)
 
 
+def _value(metavar: str, help: str, kind: Any = float) -> Any:
+    return Annotated[kind | None, typer.Option(metavar=metavar, help=help)]
+
+
+_OPTIONS = {
+    "speed": _value("M/S", "Of the pads along y when they hit, 0.05 to 0.8; less if need be: 0.35, of a push 0.5."),
+    "rise": _value("M/S", "Of a grab's pads upwards when they hit, 0.05 to 0.8: 0.25."),
+    "height": _value("M", "Of the pads over the object's centre: 0.02, of a push 0."),
+    "posture": _value("RAD", "Joint 1 at the impact, from home, -1.5 to 1.5: 0."),
+    "squeeze": _value("N", "Force of each of a grab's pads, up to 120: 40."),
+    "lift": _value("M", "How high a grab lifts, up to 0.5: 0.25."),
+    "lift_s": _value("S", "How long the lift takes, up to 10: 1.2."),
+    "momentum_s": _value("S", "How long a grab is lifted by momentum alone after the impact, up to 0.2: 0.1."),
+    "carry": _value("M", "How far a grab carries along x, -0.5 to 0.5: 0.05."),
+    "travel": _value("M", "How far a push goes, up to 0.5: 0.25."),
+    "inertia": _value("WHICH", "Of the motors in the map, B, none or B_theta: B_theta.", str),
+    "map": _value(
+        "WHICH", "What gives the velocity after the impact, single_step as in the paper, or converged: converged.", str
+    ),
+    "post_impact_scale": _value("FACTOR", "A wrong post-impact velocity on purpose, 0.5 to 1.5: 1."),
+}
+
+
 @commands.command()
+@asks_for(_OPTIONS)
 def plan(
     output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The reference to write.")],
     motion: Annotated[
         Motion, typer.Option(help="Both arms lift the object, or one pushes it, of two the left one.")
     ] = Motion.GRAB,
     object_name: ObjectName = "rice_box",
-    speed: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M/S", help="Of the pads along y when they hit, 0.05 to 0.8; less if need be: 0.35, of a push 0.5."
-        ),
-    ] = None,
-    rise: Annotated[
-        float | None, typer.Option(metavar="M/S", help="Of a grab's pads upwards when they hit, 0.05 to 0.8: 0.25.")
-    ] = None,
-    height: Annotated[
-        float | None, typer.Option(metavar="M", help="Of the pads over the object's centre: 0.02, of a push 0.")
-    ] = None,
-    posture: Annotated[
-        float | None, typer.Option(metavar="RAD", help="Joint 1 at the impact, from home, -1.5 to 1.5: 0.")
-    ] = None,
-    squeeze: Annotated[
-        float | None, typer.Option(metavar="N", help="Force of each of a grab's pads, up to 120: 40.")
-    ] = None,
-    lift: Annotated[float | None, typer.Option(metavar="M", help="How high a grab lifts, up to 0.5: 0.25.")] = None,
-    lift_s: Annotated[float | None, typer.Option(metavar="S", help="How long the lift takes, up to 10: 1.2.")] = None,
-    momentum_s: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="How long a grab is lifted by momentum alone after the impact, up to 0.2: 0.1."),
-    ] = None,
-    carry: Annotated[
-        float | None, typer.Option(metavar="M", help="How far a grab carries along x, -0.5 to 0.5: 0.05.")
-    ] = None,
-    travel: Annotated[float | None, typer.Option(metavar="M", help="How far a push goes, up to 0.5: 0.25.")] = None,
-    inertia: Annotated[
-        str | None, typer.Option(metavar="WHICH", help="Of the motors in the map, B, none or B_theta: B_theta.")
-    ] = None,
-    map_kind: Annotated[
-        str | None,
-        typer.Option(
-            "--map",
-            metavar="WHICH",
-            help="What gives the velocity after the impact, single_step as in the paper, or converged: converged.",
-        ),
-    ] = None,
-    post_impact_scale: Annotated[
-        float | None, typer.Option(metavar="FACTOR", help="A wrong post-impact velocity on purpose, 0.5 to 1.5: 1.")
-    ] = None,
+    asked: dict[str, Any] | None = None,  # filled by asks_for
     watch: Annotated[
         int | None,
         typer.Option(metavar="RUNS", help="Make its monitor too, from so many simulated runs of it.", min=9, max=100),
@@ -83,14 +66,9 @@ def plan(
     from rtstack.planning import PlanError
     from rtstack.planning.file import write_plan
 
-    values = {
-        "speed": speed, "rise": rise, "height": height, "posture": posture, "squeeze": squeeze, "lift": lift,
-        "lift_s": lift_s, "momentum_s": momentum_s, "carry": carry, "travel": travel, "inertia": inertia,
-        "map": map_kind, "post_impact_scale": post_impact_scale,
-    }  # fmt: skip
     description, source = load_description(cell_file)
+    given = asked or {}
     check_log_path(output)
-    given = {key: value for key, value in values.items() if value is not None}
     for key in _PUSH_ONLY if motion is Motion.GRAB else _GRAB_ONLY:
         if key in given:
             raise PlanError(f"--{key.replace('_', '-')} does not belong to a {motion}: leave it out")

@@ -57,9 +57,7 @@ class StackOperator:
 
     @property
     def stopped(self) -> str:
-        if self._stop is not None and self._stop.stop_requested:
-            return "stopped between two runs"
-        return self._lost
+        return "stopped between two runs" if self._stop is not None and self._stop.stop_requested else self._lost
 
     @property
     def paused(self) -> str:

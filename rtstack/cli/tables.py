@@ -16,5 +16,4 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], empty: st
     table = Table(*columns, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in rows:
         table.add_row(*map(Text, row))
-    terminal = sys.stdout.isatty()
-    Console(width=None if terminal else _WIDE).print(table if table.row_count else empty)
+    Console(width=None if sys.stdout.isatty() else _WIDE).print(table if table.row_count else empty)

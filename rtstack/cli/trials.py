@@ -11,20 +11,7 @@ import typer
 
 from hal.base.extras import advice
 from hal.displacement import Displacement
-from rtstack.cli.options import (
-    CellFile,
-    CellKind,
-    Faults,
-    Json,
-    LogOut,
-    ObjectName,
-    Profile,
-    Seed,
-    ShiftX,
-    ShiftY,
-    Yaw,
-    asks_for,
-)
+from rtstack.cli import options
 from rtstack.cli.plot import plot
 from rtstack.cli.review import review
 from rtstack.log.errors import LogError
@@ -100,22 +87,22 @@ def _show_impact(log: Path, page: Path, browser: bool) -> None:
 
 
 @commands.command()
-@asks_for(DemonstrationSpecification, "speed_m_s", "squeeze_m", "squeeze_s")
+@options.asks_for(DemonstrationSpecification, "speed_m_s", "squeeze_m", "squeeze_s")
 def teach(
     output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The recording to write.")],
-    object: ObjectName = "rice_box",
+    object: options.ObjectName = "rice_box",
     variation: Annotated[int, typer.Option(help="Number of the demonstration.", min=0)] = 0,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     speed: Annotated[
         float | None,
         typer.Option(help="Speed of the pads at the object, m/s, if not the variation's.", min=0.1, max=0.6),
     ] = None,
     law_inertia: Law = None,
     asked: Asked = None,
-    cell: CellKind = "direct",
-    profile: Profile = None,
-    cell_file: CellFile = None,
-    json: Json = False,
+    cell: options.CellKind = "direct",
+    profile: options.Profile = None,
+    cell_file: options.CellFile = None,
+    json: options.Json = False,
 ) -> None:
     """Record a scripted demonstration through the teleoperation path."""
     from rtstack.cli.terminal import Terminal, report
@@ -136,23 +123,23 @@ def teach(
 
 
 @commands.command()
-@asks_for(TrialSpecification, "safety")
+@options.asks_for(TrialSpecification, "safety")
 def trial(
     reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="Made by `rtstack teach` or `rtstack plan`.")],
     controller: ControllerChoice = DEFAULT,
     object: Annotated[
         str | None, typer.Option("--object", help="An object of the cell; by default the reference's.")
     ] = None,
-    displacement_mm: ShiftY = 0.0,
-    displacement_x_mm: ShiftX = 0.0,
-    yaw_deg: Yaw = 0.0,
-    seed: Seed = 0,
+    displacement_mm: options.ShiftY = 0.0,
+    displacement_x_mm: options.ShiftX = 0.0,
+    yaw_deg: options.Yaw = 0.0,
+    seed: options.Seed = 0,
     law_inertia: Law = None,
     asked: Asked = None,
-    log: LogOut = None,
-    cell: CellKind = "direct",
-    profile: Profile = None,
-    cell_file: CellFile = None,
+    log: options.LogOut = None,
+    cell: options.CellKind = "direct",
+    profile: options.Profile = None,
+    cell_file: options.CellFile = None,
     safety: Annotated[
         Path | None, typer.Option(metavar="FILE", help="TOML with a table [safety]: limits that this trial tightens.")
     ] = None,
@@ -165,11 +152,11 @@ def trial(
     monitor: Annotated[
         Path | None, typer.Option(metavar="TOML", help="The monitor's parameters, made by `rtstack tune-monitor`.")
     ] = None,
-    faults: Faults = None,
+    faults: options.Faults = None,
     whole_reference: Annotated[
         bool, typer.Option("--whole-reference", help="Attach the reference to the log; else it is named by its digest.")
     ] = False,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Run one trial: follow a recording through the impact."""
     from rtstack.cli.terminal import Terminal, report
@@ -216,17 +203,17 @@ def _trial_line(result: "TrialResult") -> str:
 
 
 @commands.command()
-@asks_for(PlaybackSpecification, "digest", "object")
+@options.asks_for(PlaybackSpecification, "digest", "object")
 def play(
     source: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A recording, or any other log of both arms.")],
     speed: Annotated[float, typer.Option(help="Times the log's own speed: 0.1 to 4, as far as limits allow.")] = 1.0,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     asked: Asked = None,
-    log: LogOut = None,
-    cell: CellKind = "direct",
-    profile: Profile = None,
-    cell_file: CellFile = None,
-    json: Json = False,
+    log: options.LogOut = None,
+    cell: options.CellKind = "direct",
+    profile: options.Profile = None,
+    cell_file: options.CellFile = None,
+    json: options.Json = False,
 ) -> None:
     """Play a log on the arms themselves, with a soft start and a soft stop; Ctrl-C brakes along the path."""
     from rtstack.cli.terminal import Terminal, report

@@ -101,8 +101,7 @@ def written(paths: Sequence[Path]) -> Iterator[tuple[dict[str, Any], dict[str, A
             why = "its topics, arms or cameras are not those of the first log: export it by itself"
             raise LogError(f"{said['file']}: {why}")
         for name in [name for name in features if name.startswith(IMAGES)]:
-            parts = np.split(values[name], values.pop(name + _ENDS)[:-1])
-            values[name] = [each.tobytes() for each in parts]
+            values[name] = [each.tobytes() for each in np.split(values[name], values.pop(name + _ENDS)[:-1])]
         yield said, values
 
 
@@ -156,9 +155,8 @@ def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Featu
     utc_ns = np.full(frames, -1) if episode.time is None else episode.time.unix_ns(frame_ns)
     text = "Unix time of the frame; -1 where the log has no time of day."
     found["timing.utc_ns"] = Feature(utc_ns, ("utc_ns",), {"unit": "ns", "description": text})
-    turns = continuous(pose["orientation_wxyz"])
     found["observation.environment_state"] = Feature(
-        np.column_stack([pose["position"], turns, pose["seen"]]),
+        np.column_stack([pose["position"], continuous(pose["orientation_wxyz"]), pose["seen"]]),
         ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
         {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
     )

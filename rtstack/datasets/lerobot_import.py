@@ -44,8 +44,7 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
         raise _refusal(folder, error) from None
     try:
         with replacing(out) as partial, open(partial, "wb") as file:
-            schemas = {topic: each for name in cameras for topic, each in camera_schemas(name).items()}
-            writer = McapWriter(file, schemas)
+            writer = McapWriter(file, {topic: each for name in cameras for topic, each in camera_schemas(name).items()})
             writer.begin(metadata.items(), attachments)
             writer.write(records)
             if pictures:

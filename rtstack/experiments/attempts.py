@@ -104,8 +104,7 @@ def figures(attempts: Sequence[Attempt], drift: Sequence[str]) -> list[Figure]:
 
 def _outcomes(attempts: Iterable[Attempt]) -> Table:
     counted = Counter((each.kind, "yes" if each.counts else "no", each.failed or "-") for each in attempts)
-    ordered = sorted(counted.items(), key=lambda item: (item[0][0], -item[1]))
-    lines = [(*key, str(number)) for key, number in ordered]
+    lines = [(*key, str(number)) for key, number in sorted(counted.items(), key=lambda item: (item[0][0], -item[1]))]
     return Table("Attempts on the arms", ("what", "has a row", "why it failed", "number"), lines, numbers_from=3)
 
 

@@ -5,5 +5,4 @@ import hashlib
 
 def seed_of(plan: int, *what: object) -> int:
     """Return a seed (32 bits) that depends on the plan's seed and on what it is for, and on nothing else."""
-    text = repr((plan, *map(str, what)))
-    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest(), "little")
+    return int.from_bytes(hashlib.blake2b(repr((plan, *map(str, what))).encode(), digest_size=4).digest(), "little")

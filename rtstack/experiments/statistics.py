@@ -27,9 +27,7 @@ class Interval:
 
     def below(self, other: "Interval") -> bool | None:
         """Whether this interval lies wholly below the other one; None where one of them is unknown."""
-        if self.high is None or other.low is None:
-            return None
-        return self.high < other.low
+        return None if self.high is None or other.low is None else self.high < other.low
 
 
 def stratified_mean(groups: Mapping[object, Sequence[float]]) -> Interval | None:

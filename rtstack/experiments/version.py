@@ -54,8 +54,7 @@ class Version:
 def present() -> Version:
     """Return what this process has. The first call counts: an update on the disk does not change what is running."""
     packages = tuple(sorted((package_versions() | _plug_ins()).items()))
-    sources = _digest(_ROOT / package for package in _PACKAGES)
-    return Version(packages, git_commit().removesuffix(_CHANGED), sources)
+    return Version(packages, git_commit().removesuffix(_CHANGED), _digest(_ROOT / package for package in _PACKAGES))
 
 
 def _digest(places: Iterable[Path]) -> str:

@@ -47,8 +47,7 @@ def _delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: f
     left, shown, blocks = [], [], []
     for number, log in enumerate(logs):
         records = log.arms[side]
-        touched = touches(records)
-        changes = np.flatnonzero(np.diff(touched.astype(np.int8)))
+        changes = np.flatnonzero(np.diff(touches(records).astype(np.int8)))
         near = np.zeros(len(records), dtype=bool)
         for at in changes:
             near[max(0, at - AROUND) : at + AROUND] = True

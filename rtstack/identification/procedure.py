@@ -70,8 +70,7 @@ class Identification:
             log = read_log(path)
         except LogError:
             return False
-        about = log.metadata.get("trial", {})
-        if about.get("specification") != json.dumps(asked.as_dict()):
+        if log.metadata.get("trial", {}).get("specification") != json.dumps(asked.as_dict()):
             raise TrialError(f"{path} is the log of something else: give the friction's file another name")
         if log.metadata.get("result", {}).get("success") != "true":
             return False
@@ -81,8 +80,7 @@ class Identification:
     def take(self, joint: int, columns: Columns) -> None:
         """Take the samples of a run of joint 1 to 7 that succeeded."""
         for side, samples in enumerate(self._samples):
-            taken = joint_samples(columns, side, self.sweep(joint), self._arms[side])
-            samples.setdefault(joint, []).append(taken)
+            samples.setdefault(joint, []).append(joint_samples(columns, side, self.sweep(joint), self._arms[side]))
 
     def friction(self, joint: int) -> tuple[JointFriction, ...]:
         """Return the friction of joint 1 to 7 of each arm. KeyError where there is no run."""

@@ -60,8 +60,7 @@ def sweep(description: CellDescription, arms: Sequence[ArmController], joint: in
     t = _ticks_s(t_s)
     away = np.zeros((len(t), 7))
     away[:, joint], _ = quintic_path(points, t)
-    plan = _about_centre(description, arms, away, t_s, f"the sweep of joint {joint + 1}")
-    return Sweep(joint, plan, BEGIN_S, t_s)
+    return Sweep(joint, _about_centre(description, arms, away, t_s, f"the sweep of joint {joint + 1}"), BEGIN_S, t_s)
 
 
 def all_joints(description: CellDescription, arms: Sequence[ArmController], run: int) -> SessionPlan:
@@ -139,8 +138,7 @@ class PreparedWiggle(PreparedRun[MotionResult]):
     def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> MotionResult:
         parameters = cell_parameters(self.description)
         q = where_arms_stand(self.description, cell).q
-        joint = self.specification.joint - 1
-        plan = wiggle(arm_controllers(self.description, parameters), q, self.side, joint)
+        plan = wiggle(arm_controllers(self.description, parameters), q, self.side, self.specification.joint - 1)
         reason, columns = run_motion(plan, self.description, parameters, cell, context)
         return MotionResult(reason is None, reason, columns)
 

@@ -10,18 +10,7 @@ from contextlib import closing
 from pathlib import Path
 
 from hal.base.shared import user_name
-from rtstack.live.protocol import (
-    MAX_LINE_BYTES,
-    ControlRequest,
-    ProtocolError,
-    Request,
-    RunRequest,
-    Status,
-    StatusRequest,
-    TakeRequest,
-    decode_answer,
-    encode,
-)
+from rtstack.live import protocol
 from rtstack.trials.errors import TrialError
 
 RUN_PREFIX = "rtstack-"  # of the folder of a running stack, among the temporary files
@@ -101,56 +90,56 @@ class RobotClient:
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
 
-    def status(self) -> Status:
+    def status(self) -> protocol.Status:
         """Return how the robot process is. Raises RobotUnreachable."""
-        return self.request(StatusRequest())
+        return self.request(protocol.StatusRequest())
 
-    def start(self, run: RunRequest) -> Status:
+    def start(self, run: protocol.RunRequest) -> protocol.Status:
         """Ask for a run. Raises RobotRefused with the reason, RobotUnreachable."""
         return self.request(run)
 
-    def take(self, operator: str, over_from: str | None = None) -> Status:
+    def take(self, operator: str, over_from: str | None = None) -> protocol.Status:
         """Take the lease. Raises RobotRefused, which names who has it, RobotUnreachable."""
-        return self.request(TakeRequest(operator, over_from))
+        return self.request(protocol.TakeRequest(operator, over_from))
 
-    def release(self, operator: str) -> Status:
+    def release(self, operator: str) -> protocol.Status:
         """Give the lease back. Raises RobotRefused, RobotUnreachable."""
-        return self.request(ControlRequest(operator, "release"))
+        return self.request(protocol.ControlRequest(operator, "release"))
 
-    def beat(self, operator: str) -> Status:
+    def beat(self, operator: str) -> protocol.Status:
         """Give a sign of life; the status says who has the lease. Raises RobotUnreachable."""
-        return self.request(ControlRequest(operator, "beat"))
+        return self.request(protocol.ControlRequest(operator, "beat"))
 
-    def arm(self, operator: str) -> Status:
+    def arm(self, operator: str) -> protocol.Status:
         """Allow motion. Raises RobotRefused, RobotUnreachable."""
-        return self.request(ControlRequest(operator, "arm"))
+        return self.request(protocol.ControlRequest(operator, "arm"))
 
-    def disarm(self, operator: str) -> Status:
+    def disarm(self, operator: str) -> protocol.Status:
         """Allow no motion any more. Raises RobotUnreachable."""
-        return self.request(ControlRequest(operator, "disarm"))
+        return self.request(protocol.ControlRequest(operator, "disarm"))
 
-    def stop(self, operator: str) -> Status:
+    def stop(self, operator: str) -> protocol.Status:
         """Ask for a controlled stop by the socket, beside other requests. Raises RobotRefused, RobotUnreachable."""
         with closing(RobotClient(self._path, _STOP_S)) as beside:
-            return beside.request(ControlRequest(operator, "stop"))
+            return beside.request(protocol.ControlRequest(operator, "stop"))
 
-    def recover(self, operator: str) -> Status:
+    def recover(self, operator: str) -> protocol.Status:
         """Ask for a recovery and wait for it. Raises RobotRefused while the cause persists, RobotUnreachable."""
-        return self.request(ControlRequest(operator, "recover"))
+        return self.request(protocol.ControlRequest(operator, "recover"))
 
-    def request(self, request: Request) -> Status:
+    def request(self, request: protocol.Request) -> protocol.Status:
         """Send a request and return the status that answers it. Raises RobotRefused, RobotUnreachable."""
         with self._lock:
             try:
                 try:
-                    line = self._exchange(encode(request))
+                    line = self._exchange(protocol.encode(request))
                 except ConnectionError:
                     if self._socket is None:
                         raise
                     self._drop()  # it was idle, and made room for another one's
-                    line = self._exchange(encode(request))
-                answer = decode_answer(line)
-            except (OSError, ProtocolError) as error:
+                    line = self._exchange(protocol.encode(request))
+                answer = protocol.decode_answer(line)
+            except (OSError, protocol.ProtocolError) as error:
                 self._drop()
                 raise RobotUnreachable(f"the robot process does not answer: {error}") from None
         if answer.error is not None:
@@ -174,7 +163,7 @@ class RobotClient:
             if not part:
                 raise ConnectionError("it closed the connection")
             received += part
-            if len(received) > MAX_LINE_BYTES:
+            if len(received) > protocol.MAX_LINE_BYTES:
                 raise ConnectionError("its answer is too long")
         return bytes(received)
 

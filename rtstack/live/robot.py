@@ -29,6 +29,7 @@ from hal.cell import Cell
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.state import ARM_STATE
 from rtstack.control.parameters import DetectorParameters
+from rtstack.live import protocol
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME, peer_uid
 from rtstack.live.idle import IdleView
@@ -36,20 +37,6 @@ from rtstack.live.job_manager import JobManager
 from rtstack.live.jobs import Jobs
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
-from rtstack.live.protocol import (
-    MAX_LINE_BYTES,
-    Answer,
-    ControlRequest,
-    JobState,
-    NoteRequest,
-    ProtocolError,
-    Request,
-    RunRequest,
-    StatusRequest,
-    TakeRequest,
-    decode_request,
-    encode,
-)
 from rtstack.live.source import CellSource, live_source
 from rtstack.live.standalone import RINGS, claim, process_arguments
 from rtstack.log.errors import LogError
@@ -133,35 +120,35 @@ class _Handler(socketserver.StreamRequestHandler):
         beside_realtime()
         assert isinstance(self.server, _Server)
         with contextlib.suppress(ConnectionError):
-            while line := self.rfile.readline(MAX_LINE_BYTES):
+            while line := self.rfile.readline(protocol.MAX_LINE_BYTES):
                 self.server.waiting.pop(self.request, None)
-                self.wfile.write(encode(answer(self.server.job_manager, line)))
+                self.wfile.write(protocol.encode(answer(self.server.job_manager, line)))
                 self.server.waiting[self.request] = None
         self.server.waiting.pop(self.request, None)
 
 
-def answer(job_manager: JobManager, line: bytes) -> Answer:
+def answer(job_manager: JobManager, line: bytes) -> protocol.Answer:
     """Return the answer to the request on a line. Never raises: what is wrong becomes the answer's error."""
     try:
-        _act(job_manager, decode_request(line))
-        return Answer(status=job_manager.status())
-    except (ProtocolError, Refused, HardwareError) as error:
-        return Answer(error=str(error))
+        _act(job_manager, protocol.decode_request(line))
+        return protocol.Answer(status=job_manager.status())
+    except (protocol.ProtocolError, Refused, HardwareError) as error:
+        return protocol.Answer(error=str(error))
     except RecoveryTimeout:
-        return Answer(error=f"no answer from the robot within {_RECOVERY_TIMEOUT_S:g} s")
+        return protocol.Answer(error=f"no answer from the robot within {_RECOVERY_TIMEOUT_S:g} s")
 
 
-def _act(job_manager: JobManager, request: Request) -> None:
+def _act(job_manager: JobManager, request: protocol.Request) -> None:
     match request:
-        case StatusRequest():
+        case protocol.StatusRequest():
             pass  # it is what every answer carries
-        case TakeRequest():
+        case protocol.TakeRequest():
             job_manager.authority.take(request.operator, request.over_from)
-        case NoteRequest():
+        case protocol.NoteRequest():
             job_manager.authority.note(request.operator, request.text, request.failed)
-        case ControlRequest(verb="recover"):
+        case protocol.ControlRequest(verb="recover"):
             job_manager.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
-        case ControlRequest():
+        case protocol.ControlRequest():
             getattr(job_manager.authority, request.verb)(request.operator)
         case _:
             job_manager.order(request)
@@ -278,8 +265,7 @@ class Robot:
 
     def _look_for_causes(self, cell: Cell) -> None:
         """Ask the judges whether they would let the arms be where they are. Raises HardwareError."""
-        judges = safety_judges(self._source.description)
-        for side, arm, judge in zip(cell.sides, cell.arms, judges, strict=True):
+        for side, arm, judge in zip(cell.sides, cell.arms, safety_judges(self._source.description), strict=True):
             sample, state = np.zeros(1, ARM_SAMPLE), arm.read().record
             for name in ARM_STATE.names or ():
                 sample[name] = state[name]
@@ -289,7 +275,7 @@ class Robot:
                     "hand* on the page Operate, or end the stack and use `rtstack guide`"
                 )
 
-    def _carry_out(self, order: RunRequest) -> None:
+    def _carry_out(self, order: protocol.RunRequest) -> None:
         log = self._logs / order.log if order.log else free_name(self._logs, order.specification.log_stem)
         self._end = None
         try:
@@ -305,7 +291,7 @@ class Robot:
             self._failed(order, f"internal error, see the terminal: {error}", log)
         else:
             reason = result.failure_reason
-            state = JobState.STOPPED if self._end is End.STOP_REQUESTED else JobState.DONE
+            state = protocol.JobState.STOPPED if self._end is End.STOP_REQUESTED else protocol.JobState.DONE
             if order.specification.practice and self._end is not None and not self._end.is_fault:
                 log.unlink(missing_ok=True)  # what was not meant to be recorded; a fault's evidence stays
             self._job_manager.finished(state, reason, result.success, _name_if_there(log))
@@ -314,9 +300,11 @@ class Robot:
         if self._jobs.open_cell is None and not self._job_manager.ending:
             self._jobs.try_to_open()
 
-    def _failed(self, order: RunRequest, reason: str, log: Path) -> None:
+    def _failed(self, order: protocol.RunRequest, reason: str, log: Path) -> None:
         stopped = self._mailbox.stop_requested
-        self._job_manager.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
+        self._job_manager.finished(
+            protocol.JobState.STOPPED if stopped else protocol.JobState.FAILED, reason, None, _name_if_there(log)
+        )
         self._idle.tell(Level.ERROR, f"{order.kind} failed: {reason}")
 
 

@@ -9,8 +9,7 @@ class LogError(Exception):
 
     def __str__(self) -> str:
         """Return the message, with names from the file or the folder made printable: it stays one line."""
-        text = super().__str__()
-        return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+        return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in super().__str__())
 
 
 def remedy(path: Path) -> str:

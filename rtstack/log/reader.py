@@ -136,8 +136,7 @@ class Log:
             for k, component in enumerate(field.axes or ("",)):
                 name = f"{field.name}.{component}" if component else field.name
                 columns[name], units[name] = values[:, k], unit_of(field, component)
-        index = pandas.Index((records["t_ns"] - self.start_ns) * _NS, name="t_s")
-        frame = pandas.DataFrame(columns, index)
+        frame = pandas.DataFrame(columns, pandas.Index((records["t_ns"] - self.start_ns) * _NS, name="t_s"))
         frame.attrs["units"] = units
         return frame
 

@@ -125,8 +125,7 @@ class LogProcess:
 
     def wait_room(self, records: int, timeout_s: float = 30.0) -> None:
         """Wait, outside of the tick, until every ring takes `records` more. Raises as `wait_ready` does."""
-        why = f"does not keep up: no room for {records} records"
-        self._wait(lambda: self._rings.room() >= records, timeout_s, why)
+        self._wait(lambda: self._rings.room() >= records, timeout_s, f"does not keep up: no room for {records} records")
 
     def _wait(self, done: Callable[[], bool], timeout_s: float, why: str) -> None:
         deadline = time.monotonic() + timeout_s
@@ -163,8 +162,7 @@ class LogProcess:
             raise LogError(f"the log {self.path} may not be on the disk: {error.strerror}") from error
         finally:
             self._reap()
-        lost = sum(self._rings.lost(topic) for topic in TOPICS)
-        return LogSummary(self.path, messages, lost)
+        return LogSummary(self.path, messages, sum(self._rings.lost(topic) for topic in TOPICS))
 
     def _made_whole(self, result: dict[str, str], evidence: Evidence | None) -> int:
         """Return the messages of the whole log. Raises LogError where it cannot be made; an empty one is removed."""

@@ -52,8 +52,7 @@ def load_remarks(log: Path) -> Remarks:
 def save_remarks(log: Path, remarks: Remarks) -> None:
     """Keep what is said about a log: whole, or not at all. Nothing to say is no file. Raises LogError."""
     said = {name: value for name, value in asdict(remarks).items() if value is not None}  # as versions before wrote it
-    text = "" if remarks == Remarks() else json.dumps(said, indent=1, ensure_ascii=False)
-    _keep(log, SUFFIX, text)
+    _keep(log, SUFFIX, "" if remarks == Remarks() else json.dumps(said, indent=1, ensure_ascii=False))
 
 
 def mark_reviewed(log: Path, by: str) -> None:

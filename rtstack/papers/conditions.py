@@ -46,8 +46,7 @@ class Hand:
             depth_m = self.grip * mass_kg * GRAVITY_M_S2 / (2.0 * pad_friction) / stiffness_n_m
         assert depth_m is not None
         depth_m *= variation.squeeze / Grab().squeeze
-        stop_s = self.stop_s or 2.0 * depth_m / variation.speed_y
-        return replace(variation, squeeze=depth_m, squeeze_s=stop_s)
+        return replace(variation, squeeze=depth_m, squeeze_s=self.stop_s or 2.0 * depth_m / variation.speed_y)
 
 
 @checked(frozen=True, slots=True, config=STRICT)

@@ -173,9 +173,8 @@ def prepare_playback(specification: PlaybackSpecification, description: CellDesc
         check_playback(paths, specification.speed, limits, description)
     except TrialError as error:
         raise TrialError(f"{error} ({source})") from None  # the reason first: a page cuts what is long
-    digest = hashlib.sha256(source.read_bytes()).hexdigest()
     return PreparedPlayback(
-        replace(specification, digest=digest), description, parameters, limits,
+        replace(specification, digest=hashlib.sha256(source.read_bytes()).hexdigest()), description, parameters, limits,
         tuple(path.stations for path in paths), np.stack([path.q[0] for path in paths]), motion.duration_s,
     )  # fmt: skip
 
@@ -190,8 +189,7 @@ def _paths(
     source: Path, description: CellDescription, parameters: Parameters
 ) -> tuple[LoggedMotion, tuple[ArmPath, ...]]:
     motion = load_motion(source, description.sides)
-    arms = arm_controllers(description, parameters)
-    return motion, tuple(arm_path(motion, k, arm) for k, arm in enumerate(arms))
+    return motion, tuple(arm_path(motion, k, arm) for k, arm in enumerate(arm_controllers(description, parameters)))
 
 
 def _look_for_objects(prepared: PreparedPlayback, cell: Cell) -> None:

@@ -56,7 +56,6 @@ def run_motion(
     """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell. Returns why it failed, None for
     a success, and the samples."""
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
-        outcome = run.follow(cell)
-        reason = outcome.problem
+        reason = run.follow(cell).problem
         incomplete = run.close({"success": reason is None, "failure_reason": reason})
     return reason or incomplete, run.history.columns()

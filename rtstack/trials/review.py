@@ -116,6 +116,4 @@ def _first_contact(columns: Columns, arm: int, start_t_ns: int) -> float | None:
     """First time at which the arm's external force exceeds what the detector calls a force."""
     force: NDArray[np.float64] = np.linalg.norm(columns.arm[arm]["O_F_ext_hat_K"][:, :3], axis=1)
     hits = np.flatnonzero(force > DetectorParameters().force_high_n)
-    if len(hits) == 0:
-        return None
-    return float((columns.arm[arm]["t_ns"][hits[0]] - start_t_ns) * 1e-9)
+    return float((columns.arm[arm]["t_ns"][hits[0]] - start_t_ns) * 1e-9) if len(hits) else None

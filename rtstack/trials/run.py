@@ -212,11 +212,9 @@ class Run:
         if outcome.end.is_fault:
             self.monitor.stopped_by_fault()
         way, period_s = self._plan.ante["position"], self._plan.period_s
-        bases = base_poses(self._description)
-        self.kind = classify(self.monitor, columns, bases, outcome.start_t_ns, way, period_s)
+        self.kind = classify(self.monitor, columns, base_poses(self._description), outcome.start_t_ns, way, period_s)
         if self.kind is not None:
-            t_ns = int(columns.arm[0]["t_ns"][-1])
-            self._publisher.event(t_ns, Level.WARNING, "verdict", f"probably: {self.kind}")
+            self._publisher.event(int(columns.arm[0]["t_ns"][-1]), Level.WARNING, "verdict", f"probably: {self.kind}")
 
     def _make_ready(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
         """Go the way to the start, and tell the robots what forces the session may come to; return the outcome of a run

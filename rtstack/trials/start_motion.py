@@ -97,8 +97,7 @@ class StartMotion:
         t_s = np.arange(max(2, round(path.duration_s / CONTROL_PERIOD_S) + 1)) * CONTROL_PERIOD_S
         q = np.array([path.at(t) for t in t_s.tolist()])
         dq = np.gradient(q, CONTROL_PERIOD_S, axis=0)
-        laws = [JointLaw(arm, q[:, k], dq[:, k], friction[k]) for k, arm in enumerate(arms)]
-        return laws, path.duration_s + SETTLE_S
+        return [JointLaw(arm, q[:, k], dq[:, k], friction[k]) for k, arm in enumerate(arms)], path.duration_s + SETTLE_S
 
     @property
     def summary(self) -> str:

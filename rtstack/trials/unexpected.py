@@ -130,8 +130,7 @@ class _Case:
 
     def _both_shifted(self) -> Unexpected:
         """The later arm has hit too early: a face that is tilted is met at an edge, by both arms; else it is nearer."""
-        later = max(first for first in self._first if first is not None)
-        if later > self._t_d:
+        if max(first for first in self._first if first is not None) > self._t_d:
             return Unexpected.TOO_LATE
         return Unexpected.TILTED if self._corner() > CORNER_M else Unexpected.TOO_EARLY
 

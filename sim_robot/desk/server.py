@@ -191,8 +191,7 @@ class DeskServer(ThreadingHTTPServer):
         """Return a connection whose handshake its own thread makes: one that is silent holds no other one up."""
         connection, peer = super().get_request()
         connection.settimeout(_SILENT_S)
-        wrapped = self._context.wrap_socket(connection, server_side=True, do_handshake_on_connect=False)
-        return wrapped, peer
+        return self._context.wrap_socket(connection, server_side=True, do_handshake_on_connect=False), peer
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a client that hung up, or did not want this certificate."""

@@ -43,8 +43,7 @@ class PlantFaults:
         if not data.ncon:
             return False
         pairs = data.contact.geom
-        touching = (pairs == self._object).any(axis=1) & np.isin(pairs, list(chain(*self._pads))).any(axis=1)
-        return bool(touching.any())
+        return bool(((pairs == self._object).any(axis=1) & np.isin(pairs, list(chain(*self._pads))).any(axis=1)).any())
 
     def change(self) -> None:
         """Take over what the schedule now says."""
@@ -139,8 +138,7 @@ class Injection:
     def begin_millisecond(self) -> None:
         """Begin what is due, after the boxes have begun the ms and before the plant goes on."""
         contact = self.schedule.awaits_contact and self.plant.pad_touches_object()
-        moving = any(box.mode == RobotMode.MOVE for box in self._boxes)
-        if self.schedule.begin_millisecond(moving, contact):
+        if self.schedule.begin_millisecond(any(box.mode == RobotMode.MOVE for box in self._boxes), contact):
             self.plant.change()
 
     def pass_still_millisecond(self) -> None:

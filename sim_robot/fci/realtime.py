@@ -121,10 +121,9 @@ class Realtime:
             f"{self.ticks} ticks, {self.stalls} stalls of this host (worst {1e-6 * self.worst_stall_ns:.1f} ms), "
             f"{1e-6 * slipped_ns:.1f} ms given up"
         )
-        arms = zip(self._server.cell.scene.sides, self._server.arm_servers, strict=True)
         lines = (
             f"{side}: {server.answers.report()}; {int(server.motion['beyond'])} targets beyond the published limits"
-            for side, server in arms
+            for side, server in zip(self._server.cell.scene.sides, self._server.arm_servers, strict=True)
         )
         stalls = [f"last stalls: {'; '.join(self._last_stalls)}"] if self._last_stalls else []
         return "\n".join([pace, *lines, *stalls])

@@ -41,8 +41,7 @@ def derived(log: Log, topic: str) -> NDArray:
     """Return all records of a derived topic of a log, (n,), one for each sample of the arm. Raises LogError."""
     side, arm, control = _SOURCES[topic]
     making = DerivedSamples(base_pose(log, side))
-    parts = [making.add(log.topic(arm), log.topic(control)), making.rest()]
-    return np.concatenate(parts)
+    return np.concatenate([making.add(log.topic(arm), log.topic(control)), making.rest()])
 
 
 class DerivedBatches:
@@ -81,8 +80,7 @@ class DerivedSamples:
             place, base = arm["O_T_EE"][:, :3, 3], self._base
             in_world = np.full(place.shape, np.nan) if base is None else place @ base[:3, :3].T + base[:3, 3]
             self._place = np.concatenate([self._place, in_world])
-            force = np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1)
-            self._force = np.concatenate([self._force, force])
+            self._force = np.concatenate([self._force, np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1)])
         if control is not None and len(control):
             told = np.hstack([control["pose_ref"][:, :3], control["twist_ref"][:, :3]])
             told[~control["pose_ref"][:, 3:].any(axis=1)] = np.nan  # no orientation: there is no reference

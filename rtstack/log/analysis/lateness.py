@@ -90,8 +90,7 @@ class Lateness:
 
     @property
     def causes(self) -> dict[str, int]:
-        counts = Counter(cycle.cause.value for cycle in self.late if cycle.blame is Blame.HOST)
-        return dict(counts.most_common())
+        return dict(Counter(cycle.cause.value for cycle in self.late if cycle.blame is Blame.HOST).most_common())
 
     @property
     def stalls(self) -> tuple[LateCycle, ...]:
@@ -248,8 +247,7 @@ def _unanswered(cycles: NDArray, arm: NDArray) -> NDArray:
 def _lost_on_time(t_ns: NDArray, late: NDArray, arm: NDArray) -> NDArray:
     """Return which cycles were in time, though the next states say that their answer was missed."""
     found = np.zeros(len(t_ns), dtype=bool)
-    falls = arm["t_ns"][1:][np.diff(arm["control_command_success_rate"]) < -0.5 / _RATE_STATES]
-    for t in falls:
+    for t in arm["t_ns"][1:][np.diff(arm["control_command_success_rate"]) < -0.5 / _RATE_STATES]:
         k = int(np.searchsorted(t_ns, t)) - 1  # the cycle before the state that shows it
         near = late[max(0, np.searchsorted(t_ns, t - _SEEN_BY * 1_000_000)) : k + 2]
         if k >= 0 and not near.any():

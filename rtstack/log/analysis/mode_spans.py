@@ -24,9 +24,8 @@ def mode_spans(log: Log) -> list[Span]:
         return []
     t_s, mode = (control["t_ns"] - log.start_ns) * 1e-9, control["mode"]
     edges = [0, *(np.flatnonzero(np.diff(mode)) + 1).tolist()]
-    ends = [*edges[1:], len(mode) - 1]
     return [
         Span(float(t_s[start]), float(t_s[end]), Mode(int(mode[start])))
-        for start, end in zip(edges, ends, strict=True)
+        for start, end in zip(edges, [*edges[1:], len(mode) - 1], strict=True)
         if mode[start] in Mode._value2member_map_
     ]

@@ -97,6 +97,5 @@ def column_block(topic: str, records: NDArray) -> NDArray[np.float32]:
     look at, and halves what has to be read."""
     parts = []
     for field in CURVES[topic].plotted_fields:
-        values = records[field.name].reshape(len(records), -1)
-        parts.append(values[:, : max(1, len(field.axes))].T)
+        parts.append(records[field.name].reshape(len(records), -1)[:, : max(1, len(field.axes))].T)
     return np.concatenate(parts).astype(np.float32)

@@ -63,8 +63,7 @@ def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
             continue
         place = {} if origin is None else origin.attrib
         xyz, rpy = (np.array(triple(place.get(name, "0 0 0"))) for name in ("xyz", "rpy"))
-        fixed = joint.get("type") == "fixed"
-        about = None if fixed or axis is None else np.array(triple(axis.get("xyz", "1 0 0")))
+        about = None if joint.get("type") == "fixed" or axis is None else np.array(triple(axis.get("xyz", "1 0 0")))
         joints.append(JointPlacement(child.attrib["link"], xyz, from_rpy(rpy), about))
     return tuple(joints)
 

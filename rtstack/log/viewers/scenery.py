@@ -18,8 +18,7 @@ Messages = dict[str, list[tuple[int, bytes]]]
 def scenery_schemas() -> dict[str, foxglove.Schema]:
     """Return the schema of every topic that is made from the records."""
     kinds = {TRANSFORMS: FrameTransforms, SOLIDS: SceneUpdate, FORCES: SceneUpdate, FORCE_LINES: PointCloud}
-    known = {topic: kind.get_schema() for topic, kind in kinds.items()}
-    return known | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
+    return {topic: kind.get_schema() for topic, kind in kinds.items()} | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
 
 
 class Scenery:

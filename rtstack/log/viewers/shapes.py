@@ -83,8 +83,7 @@ def force_messages(cell: CellFrames, instants: Instants) -> tuple[list[tuple[int
             points[row].append(_line(side, p, F) if arrows else b"")
     times = instants.t_ns.tolist()
     arrows = [(t, fox.SceneUpdate(entities=e).encode()) for t, e in zip(times, entities, strict=True)]
-    lines = [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
-    return arrows, lines
+    return arrows, [(t, _cloud(now, b"".join(p))) for t, now, p in zip(times, stamps, points, strict=True)]
 
 
 def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], newton: float) -> fox.ArrowPrimitive:

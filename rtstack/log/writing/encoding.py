@@ -151,8 +151,7 @@ class WireFormat:
             wide = (values < 0) | (values > 0x7F)
             wire[field.name][:, 0] = np.where(wide, 0, values)
             for row in np.flatnonzero(wide).tolist():
-                value = int(np.clip(values[row], _INT32.min, _INT32.max))
-                tails[row] = tails.get(row, b"") + field.tag + varint(value)
+                tails[row] = tails.get(row, b"") + field.tag + varint(int(np.clip(values[row], _INT32.min, _INT32.max)))
         for field in self._turned:
             wire[field.name] = records[field.name].transpose(0, 2, 1).reshape(wire[field.name].shape)
         for field in self._masks:

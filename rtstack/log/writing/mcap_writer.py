@@ -175,8 +175,7 @@ class McapWriter:
         if self._times is not None:
             self.write_metadata(RECORD, time_record(self._times, ended=True))
         messages, missed = (str(sum(each.values())) for each in (self.messages, lost))
-        account = {"ended": ended, "messages": messages, "lost": missed, "topics": json.dumps(counts)}
-        self.write_metadata("log", account)
+        self.write_metadata("log", {"ended": ended, "messages": messages, "lost": missed, "topics": json.dumps(counts)})
         self.close()
 
     def _guard(self, call: Callable[..., None], *arguments: object) -> None:

@@ -38,8 +38,7 @@ class RingDrain:
 
     def step(self, final: bool = False) -> None:
         """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
-        batches = {topic: reader.drain() for topic, reader in self._readers.items()}
-        self._writer.write(self._settled(batches, final))
+        self._writer.write(self._settled({topic: reader.drain() for topic, reader in self._readers.items()}, final))
         newest_ns = max(0, *self._newest.values())
         made, said = self._pictures.step(newest_ns), self._pictures.events(newest_ns)
         if made or len(said):

@@ -80,8 +80,7 @@ class Bands:
 def bands(rows: Sequence[Row], monitor: str) -> Bands:
     counts: dict[float, list[int]] = {}
     for row in rows:
-        expected = row[f"verdict_{monitor}"] == "expected"
-        counts.setdefault(row["inclination_deg"], []).append(int(expected))
+        counts.setdefault(row["inclination_deg"], []).append(int(row[f"verdict_{monitor}"] == "expected"))
     shares = {deg: sum(values) / len(values) for deg, values in sorted(counts.items())}
     return Bands(shares, len(rows), min(map(len, counts.values()), default=0))
 

@@ -64,8 +64,7 @@ class StudyRun(Portion[Study, Tuned]):
 
     def monitors(self) -> dict[str, MonitorParameters]:
         """Return the three tunings by name, and with the prefix paper_ those of Table 1 to the letter."""
-        rates = (self.tuned.residual_rate_nm_s,) * 3
-        return monitors_of(self.study.tunings, self.tuned.tunings, rates)
+        return monitors_of(self.study.tunings, self.tuned.tunings, (self.tuned.residual_rate_nm_s,) * 3)
 
     def batch_of(self, case: Case) -> tuple[int, float, float]:
         return case.contact, case.approach_deg, case.location_m

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rtstack.experiments.claims import Claim, ClaimStatus, at_least, at_most, combined, shown, verdict_of
+from rtstack.experiments.claims import Claim, ClaimStatus, at_least, at_most, combined, order, shown, verdict_of
 from rtstack.experiments.registration import Finding, Judge, PlannedClaim, judged
 from rtstack.experiments.statistics import Interval, plain_mean
 from rtstack.impact_map import ReflectedInertia
@@ -135,12 +135,7 @@ def _swings_more(under: Sequence[Table], _at: object) -> Finding:
         table.motion: plain_mean(s for cell in table.cells if (s := cell.swing_percent) is not None) for table in under
     }
     words = "; ".join(f"{motion} {_percent(swing[motion])}" for motion in Motion)
-    push, grab = swing[Motion.HIT_AND_PUSH], swing[Motion.GRAB]
-    if push is None or grab is None or push.high is None or grab.low is None:
-        return Finding(words, ClaimStatus.UNDECIDED)
-    if push.high < grab.low:
-        return Finding(words, ClaimStatus.HOLDS)
-    return Finding(words, ClaimStatus.WITHIN if push.mean < grab.mean else ClaimStatus.UNDECIDED)
+    return Finding(words, order([(swing[Motion.HIT_AND_PUSH], swing[Motion.GRAB])]))
 
 
 def _drops(table: Table) -> Finding:

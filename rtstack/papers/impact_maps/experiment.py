@@ -49,8 +49,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
                     "(rtstack identify-friction), or set joint_friction in the plan's conditions"
                 )
             sources += [] if friction is None else [friction]
-        columns = columns_of(ValidationTrial, TrialResult) | MEASURED
-        super().__init__(specification, request, columns, sources)
+        super().__init__(specification, request, columns_of(ValidationTrial, TrialResult) | MEASURED, sources)
         nominal = next(iter(specification.conditions.values()))
         self._bench = ValidationBench(
             request.out, request.simulated_cell, cell_file, self.digest, nominal, on_arms, request.cell_file

@@ -158,8 +158,7 @@ def on_arms(bench: ValidationBench, trial: ValidationTrial, setting: Setting) ->
     """Return a trial as a run on a cell's arms, from the object's nominal place."""
     prepared, _ = _prepared(bench, setting)
     prepared = replace(prepared, specification=replace(prepared.specification, seed=trial.seed))
-    log = bench.out / LOGS / f"{trial.id}.mcap"
-    return CellRun(prepared, log, record_of(trial), Displacement())
+    return CellRun(prepared, bench.out / LOGS / f"{trial.id}.mcap", record_of(trial), Displacement())
 
 
 def row_of_log(

@@ -171,8 +171,7 @@ class Plan:
 
     def under(self, profile: str) -> "Plan":
         """Return the plan with this profile of the simulated robot under all conditions."""
-        conditions = {name: replace(one, profile=profile) for name, one in self.conditions.items()}
-        return replace(self, conditions=conditions)
+        return replace(self, conditions={name: replace(one, profile=profile) for name, one in self.conditions.items()})
 
     def size(self) -> int:
         """Number of trials."""

@@ -227,8 +227,7 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan, claims: Sequence[
                 f"{own}-{name}.png", caption + "error bars: 95 % intervals.", some, "displacement_mm", "controller",
                 "average_force_norm", "mean desired force norm, 200 ms around $T_r$",
             ))  # fmt: skip
-    about = _words(asdict(plan.conditions[name]))
-    return Section(name, claims, tables, figures, numbers(evaluation), about)
+    return Section(name, claims, tables, figures, numbers(evaluation), _words(asdict(plan.conditions[name])))
 
 
 def _figure11_table(evaluation: Evaluation) -> Table:

@@ -80,8 +80,7 @@ def hit_case(study: ArmStudy, case: Case, prepared: PreparedHit, log: RunLog | N
     """Run one hit on a cell with the study's robot; the seed draws noise and set-up. kind: see BuiltCell."""
     setup, seed = study.setup, prepared.specification.seed
     scene = hit_scene(setup, seven(prepared.plan.q_start), case.inclination_deg, seed)
-    built = BuiltCell(scene, _simulated()[1], NOTHING, seed, arms_seed=setup.robot)
-    return carry_out(prepared, built.host(kind, log))
+    return carry_out(prepared, BuiltCell(scene, _simulated()[1], NOTHING, seed, arms_seed=setup.robot).host(kind, log))
 
 
 def nominal_hits(study: ArmStudy, approach_deg: Iterable[float]) -> list[Case]:

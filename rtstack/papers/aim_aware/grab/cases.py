@@ -82,8 +82,7 @@ class JudgedSet:
         return Reference.named(self.references[0]).object
 
     def recorded(self, quick: bool) -> tuple[Reference, ...]:
-        names = self.references[: self.quick_references] if quick else self.references
-        return tuple(map(Reference.named, names))
+        return tuple(map(Reference.named, self.references[: self.quick_references] if quick else self.references))
 
 
 @checked(frozen=True, slots=True, config=STRICT)

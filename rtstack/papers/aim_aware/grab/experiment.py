@@ -35,8 +35,7 @@ class GrabStudy(Experiment[Judged, GrabCase]):
                 )
             monitors[name], self._tunings[name] = tuning.monitor, tuning.provenance
         cell_file = load_description(None)[1]
-        sources = [cell_file, *plant_files()]
-        super().__init__(specification, request, columns_of(GrabOutcome), sources, also=monitors)
+        super().__init__(specification, request, columns_of(GrabOutcome), [cell_file, *plant_files()], also=monitors)
         bench = Bench(request.out, request.simulated_cell, cell_file, self.digest, SuccessCriterion())
         self._grab = GrabBench(bench, specification.conditions, specification.faults, monitors)
 
