@@ -105,13 +105,13 @@ def converged(problem: Problem, second_opinion: bool = True) -> Impact:
     pressing = np.zeros(len(problem.contacts))
     for k in problem.maintained():
         points = problem.points[k]
-        pressing[k] = (points.stop - points.start) * _lacking(impulses[points], problem.contacts[k].friction)
+        pressing[k] = (points.stop - points.start) * _lacking(impulses[points], problem.friction[points])
     return _impact(problem, solution, other, after, impulses, np.zeros_like(impulses), pressing, held)
 
 
-def _lacking(impulses: Array, friction: float) -> float:
+def _lacking(impulses: Array, friction: Array) -> float:
     """Return the least normal impulse, N s, that put on top of each of these makes all of them obey the law's cone."""
-    sideways = np.hypot(impulses[:, 0], impulses[:, 1]) / friction if friction > 0.0 else 0.0
+    sideways = np.hypot(impulses[:, 0], impulses[:, 1]) / np.where(friction > 0.0, friction, np.inf)
     return max(0.0, float((sideways - impulses[:, 2]).max()))
 
 

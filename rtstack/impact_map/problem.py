@@ -6,7 +6,7 @@ w+ = w- + A lambda with A = L^-1 J^T, and contact velocities are A^T w - s, with
 
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,8 +24,10 @@ class Problem:
     """The impact of a scene with n contact points and nv velocities.
 
     names, bodies, slices: the moving bodies and where their velocities are. contacts, patches, points: the scene's
-    contacts, where they touch, and which of the n points are theirs. M (nv, nv) mass matrix, whitening (nv, nv) = L^-1,
-    velocity (nv,) before the impact. A (nv, 3n) 1/sqrt(kg), w (nv,) sqrt(J), s (3n,) m/s, friction (n,).
+    contacts, where they touch, and which of the n points are theirs. M (nv, nv) mass matrix, velocity (nv,) before the
+    impact, J (3n, nv) contact Jacobian, s (3n,) m/s velocity of the supports, friction (n,).
+
+    What follows from them: whitening (nv, nv) = L^-1, A (nv, 3n) 1/sqrt(kg), w (nv,) sqrt(J).
     """
 
     names: tuple[str, ...]
@@ -35,13 +37,20 @@ class Problem:
     patches: tuple[Patch, ...]
     points: tuple[slice, ...]
     M: Array
-    whitening: Array
     velocity: Array
     J: Array
-    A: Array
-    w: Array
     s: Array
     friction: Array
+    whitening: Array = field(init=False)
+    A: Array = field(init=False)
+    w: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Whiten. Raises numpy's LinAlgError where M is not positive definite."""
+        L = np.linalg.cholesky(self.M)
+        whitening = np.linalg.inv(L)
+        for name, value in (("whitening", whitening), ("A", whitening @ self.J.T), ("w", self.velocity @ L)):
+            object.__setattr__(self, name, value)
 
     def coloured(self, w: Array) -> Array:
         """Return the generalised velocity (nv,) of a whitened one."""
@@ -65,8 +74,8 @@ def problem_of(scene: Scene) -> Problem:
         bodies[name], pads[name] = arm_body(arm, scene.pad, scene.reflected)
     bodies.update((name, box.body) for name, box in boxes.items())
     patches = [_patch(k, contact, scene, pads, boxes) for k, contact in enumerate(scene.contacts)]
-    points = _slices(len(patch.points) for patch in patches)
-    slices = _slices(len(body.velocity) for body in bodies.values())
+    points = slices_of(len(patch.points) for patch in patches)
+    slices = slices_of(len(body.velocity) for body in bodies.values())
     at = dict(zip(bodies, slices, strict=True))
     nv, rows = slices[-1].stop, 3 * points[-1].stop
     M, velocity, J, s = np.zeros((nv, nv)), np.zeros(nv), np.zeros((rows, nv)), np.zeros(rows)
@@ -84,16 +93,14 @@ def problem_of(scene: Scene) -> Problem:
         else:
             s[its] = motion[:, :3] @ scene.supports[second].velocity
         friction[where] = contact.friction
-    L = np.linalg.cholesky(M)
-    whitening = np.linalg.inv(L)
-    A, w = whitening @ J.T, velocity @ L
     return Problem(
-        tuple(bodies), tuple(bodies.values()), slices, scene.contacts, tuple(patches), points, M, whitening, velocity,
-        J, A, w, s, friction,
+        tuple(bodies), tuple(bodies.values()), slices, scene.contacts, tuple(patches), points, M, velocity, J, s,
+        friction,
     )  # fmt: skip
 
 
-def _slices(lengths: Iterable[int]) -> tuple[slice, ...]:
+def slices_of(lengths: Iterable[int]) -> tuple[slice, ...]:
+    """Return where parts of these lengths are, one behind the other."""
     ends = np.cumsum([0, *lengths]).tolist()
     return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 

@@ -64,6 +64,4 @@ def with_inertia(problem: Problem, was: ReflectedInertia, kind: ReflectedInertia
     for body, where in zip(problem.bodies, problem.slices, strict=True):
         if body.robot is not None:
             M[where, where] += np.diag(joint_inertia(kind, body.robot) - joint_inertia(was, body.robot))
-    L = np.linalg.cholesky(M)
-    whitening = np.linalg.inv(L)
-    return replace(problem, M=M, whitening=whitening, A=whitening @ problem.J.T, w=problem.velocity @ L)
+    return replace(problem, M=M)
