@@ -2,12 +2,13 @@
 
 import math
 
+from hal.base.arrays import Array
 from hal.compilation import compiled
 from rtstack.safety.body import rotation_from_quaternion as rotation_from_quaternion
 
 
 @compiled
-def log_so3(R, out):
+def log_so3(R: Array, out: Array) -> None:
     """Write (log R)^vee, shape (3,), rad, with an angle in [0, pi]."""
     x = R[2, 1] - R[1, 2]
     y = R[0, 2] - R[2, 0]
@@ -38,7 +39,7 @@ def log_so3(R, out):
 
 
 @compiled
-def exp_so3(w, scale, out):
+def exp_so3(w: Array, scale: float, out: Array) -> None:
     """Write exp(hat(scale w)), shape (3, 3), by Rodrigues' formula."""
     x = w[0] * scale
     y = w[1] * scale
@@ -79,7 +80,7 @@ def transpose_multiply(A, B, out):
 
 
 @compiled
-def quaternion_from_rotation(R, out):
+def quaternion_from_rotation(R: Array, out: Array) -> None:
     """Write the unit quaternion wxyz of R, (4,), with the sign that is nearer to out's (Shepperd's method), so that a
     moving frame has no jump.
 

@@ -7,6 +7,7 @@ them: tau = K (q_ref - q) + D (dq_ref - dq) + J^T f_ff + C dq + friction.
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.base.arrays import Array
 from rtstack.control.controller import ObservedArm
 from rtstack.control.modes import Strategy
 from rtstack.control.tick import CellController
@@ -31,15 +32,13 @@ class JointTracking:
 
     def __init__(self, arm: ObservedArm) -> None:
         self._period_s, self._tau_step = arm.parameters.period_s, float(arm.limits["tau_step"][0])
-        # views of the records' fields: they are looked up once
-        sample, work, setpoint = arm.sample[0], arm.workspace[0], arm.setpoint[0]
-        self._q, self._dq, self._tau_desired = sample["q"], sample["dq"], sample["tau_desired"]
-        self._position, self._rotation, self._J = work["position"], work["rotation"], work["J"]
-        self._coriolis, self._friction, self._last = work["coriolis"], work["friction"], work["tau_previous"]
-        self._position_ref, self._rotation_ref = setpoint["position"], setpoint["rotation"]
-        self._twist_ref, self._wrench_ff = setpoint["twist"], setpoint["wrench_ff"]
-        self._wrench_desired = arm.control[0]["wrench_desired"]
-        self._q_ref = np.zeros(7)
+        self._q, self._dq, self._tau_desired = _views(arm.sample, "q", "dq", "tau_desired")
+        self._position, self._rotation, self._J = _views(arm.workspace, "position", "rotation", "J")
+        self._coriolis, self._friction, self._last = _views(arm.workspace, "coriolis", "friction", "tau_previous")
+        self._position_ref, self._rotation_ref = _views(arm.setpoint, "position", "rotation")
+        self._twist_ref, self._wrench_ff = _views(arm.setpoint, "twist", "wrench_ff")
+        (self._wrench_desired,) = _views(arm.control, "wrench_desired")
+        self._q_ref: Array = np.zeros(7)
         self._begun = False
 
     def follow(self, ante: NDArray[np.void], post: NDArray[np.void]) -> None:
@@ -57,10 +56,16 @@ class JointTracking:
         turn = 0.5 * np.cross(self._rotation, self._rotation_ref, axis=0).sum(axis=1)
         error = np.concatenate([self._position_ref - self._position, turn])
         J = self._J
-        dq_ref = J.T @ np.linalg.solve(J @ J.T + REGULARISATION * np.eye(6), self._twist_ref + CORRECTION * error)
+        wanted = self._twist_ref + CORRECTION * error
+        dq_ref: Array = J.T @ np.linalg.solve(J @ J.T + REGULARISATION * np.eye(6), wanted)
         self._q_ref += dq_ref * self._period_s
-        feedback = STIFFNESS * (self._q_ref - self._q) + DAMPING * (dq_ref - self._dq)
-        tau = feedback + J.T @ self._wrench_ff + self._coriolis + self._friction
+        feedback: Array = STIFFNESS * (self._q_ref - self._q) + DAMPING * (dq_ref - self._dq)
+        tau: Array = feedback + J.T @ self._wrench_ff + self._coriolis + self._friction
         self._tau_desired[:] = np.clip(tau, self._last - self._tau_step, self._last + self._tau_step)
         self._wrench_desired[:] = np.linalg.solve(J @ J.T + REGULARISATION * np.eye(6), J @ feedback) + self._wrench_ff
         return QpStatus.NOT_USED
+
+
+def _views(record: NDArray[np.void], *names: str) -> list[Array]:
+    """Return views of fields of a record (1,): they are looked up once, and stay where they are."""
+    return [record[0][name] for name in names]

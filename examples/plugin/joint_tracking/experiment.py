@@ -3,12 +3,14 @@
 A plan (kind = "tracking") names controllers and seeds. One demonstration is recorded first; each case is a trial.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
@@ -123,8 +125,9 @@ def _error_m(log: Log) -> float:
     impact, or to where the trial was stopped before."""
     columns = log_columns(log)
     count = min(round((float(log.metadata["trial"]["nominal_impact_s"]) - 0.1) / 1e-3), columns.arm.shape[1])
-    position = columns.arm["O_T_EE"][:, :count].reshape(2, count, 4, 4)[..., :3, 3]
+    position: NDArray[np.float64] = columns.arm["O_T_EE"][:, :count].reshape(2, count, 4, 4)[..., :3, 3]
     moved = position - position[:, :1]
-    wanted = columns.control["pose_ref"][:, :count, :3]
+    wanted: NDArray[np.float64] = columns.control["pose_ref"][:, :count, :3]
     # both from their start: a pose of the robot is in the frame of its base, which is parallel to the world's
-    return float(np.sqrt(np.mean(np.sum((moved - (wanted - wanted[:, :1])) ** 2, axis=-1))))
+    error: NDArray[np.float64] = moved - (wanted - wanted[:, :1])
+    return float(np.linalg.norm(error)) / math.sqrt(error[..., 0].size)

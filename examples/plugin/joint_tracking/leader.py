@@ -17,6 +17,7 @@ import math
 import socket
 import sys
 import time
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class Leader:
                 continue  # it is no word of a leader
         return self._newest if time.monotonic() - self._heard_s < SILENT_S else HandInput(held=False)
 
-    def _take(self, said: dict) -> None:
+    def _take(self, said: dict[str, Any]) -> None:
         joints = np.array([said["left"], said["right"]], dtype=float)
         if joints.shape != (2, 7) or not np.isfinite(joints).all() or not said["sequence"] > self._sequence:
             return
