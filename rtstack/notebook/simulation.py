@@ -11,7 +11,7 @@ from functools import cache
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
+from tempfile import NamedTemporaryFile, TemporaryDirectory, mkdtemp
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -205,23 +205,25 @@ class _Order:
             return
         import cloudpickle
 
-        given = cloudpickle.dumps(self)  # a notebook's functions are in no module that a worker could import
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (given,))
-        try:
-            with starting():
-                futures = {pool.submit(_run, k): k for k in numbers}
-            for future in as_completed(futures):
-                error = future.exception()
-                yield futures[future], future.result() if error is None else raised(error)
-        finally:
-            pool.shutdown(cancel_futures=True)
+        with NamedTemporaryFile(dir=_folder()) as file:  # a pipe would be read once a worker has imported all
+            cloudpickle.dump(self, file)  # a notebook's functions are in no module that a worker could import
+            file.flush()
+            pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (file.name,))
+            try:
+                with starting():
+                    futures = {pool.submit(_run, k): k for k in numbers}
+                for future in as_completed(futures):
+                    error = future.exception()
+                    yield futures[future], future.result() if error is None else raised(error)
+            finally:
+                pool.shutdown(cancel_futures=True)
 
 
-def _begin(order: bytes) -> None:
+def _begin(order: str) -> None:
     """Receive, in a worker, what it is to run. It ends with the process that has started it, not by Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
-    _given.append(pickle.loads(order))
+    _given.append(pickle.loads(Path(order).read_bytes()))
 
 
 _given: list[_Order] = []
