@@ -45,6 +45,25 @@ class ObservedArm(Protocol):
     def parameters(self) -> ControlParameters: ...
 
 
+class Detector(Protocol):
+    """An impact detector of one arm, in the place of Appendix B's (rtstack.control.detector).
+
+    What it finds changes the mode and is the impact's time in log and result. The aim-aware monitor has its own
+    detection, (8)-(9) of its paper, and does not depend on it.
+    """
+
+    def update(self, arm: "ObservedArm") -> bool:
+        """Return whether the pad was hit in this tick: True once, in the tick of the detection.
+
+        Called each tick after the arm's observation. It waits for nothing, keeps no memory and raises nothing.
+
+        Args:
+            arm: `workspace` has force_world (3,) N, which acts ON the pad, twist (6,) m/s and rad/s; `control`
+                momentum_residual (7,) Nm and its rate; `sample` the state.
+        """
+        ...
+
+
 class ArmLaw(Protocol):
     """The torque of one arm. `follow` is called before the robot is armed; the rest in the tick, which has 1 ms for
     both arms, judge and log. There a law waits for nothing, writes no file, keeps no more memory from tick to tick, and

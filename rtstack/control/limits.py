@@ -5,6 +5,7 @@ tick, after the observation. The judge comes after the QP, whatever its limits a
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,31 +16,42 @@ from rtstack.control.dense import solve_lower, solve_lower_transposed
 
 
 class Limit:
-    """Bounds of the joint acceleration ddq (7,), rad/s^2: lower <= jacobian ddq <= upper.
+    """Bounds of rows of the joint acceleration ddq (7,), rad/s^2: lower <= jacobian ddq <= upper.
 
-    A subclass writes `jacobian`, `lower` and `upper` in `update`, or gives a compiled `step` that does. Both run in the
+    A subclass writes `jacobian`, `lower` and `upper` in `update`, or gives compiled `steps` that do. Both run in the
     tick: they keep no memory, wait for nothing and raise nothing. Keep the bounds apart, lower below upper, and within
     what the joints can do: a problem without a solution stops the arms.
 
     Attributes:
-        jacobian: (rows, 7); None where the limit bounds ddq itself.
-        lower, upper: (rows,), or (7,) without a jacobian; in the jacobian's unit times rad/s^2. At first unbounded.
-        step: a compiled function and its arguments, in the place of `update`; None: `update` is called.
+        jacobian: (rows, 7).
+        lower, upper: (rows,), in the jacobian's unit times rad/s^2. At first unbounded.
+        steps: compiled functions, each with its arguments, in the place of `update`; none: `update` is called.
     """
 
-    step: Step | None = None
+    steps: Sequence[Step] = ()
 
-    def __init__(self, rows: int | None) -> None:
-        """Args:
-        rows: the number of rows; None: the limit bounds ddq itself.
+    def __init__(self, rows: int) -> None:
+        """Begin without bounds. Raises ValueError for no rows.
+
+        Args:
+            rows: 1 or more.
         """
-        self.jacobian: Array | None = None if rows is None else np.zeros((rows, 7))
-        self.lower: Array
-        self.upper: Array
-        self.lower, self.upper = (np.full(rows or 7, bound) for bound in (-math.inf, math.inf))
+        if rows < 1:
+            raise ValueError(f"a limit has 1 row or more, not {rows}")
+        self.jacobian: Array = np.zeros((rows, 7))
+        self.lower: Array = np.full(rows, -math.inf)
+        self.upper: Array = np.full(rows, math.inf)
 
     def update(self) -> None:
         """Write jacobian and bounds for the arm as it was just observed."""
+
+
+class JointLimit(Limit):
+    """Bounds of ddq itself: lower and upper (7,), rad/s^2. The jacobian is the identity, and is not read."""
+
+    def __init__(self) -> None:
+        super().__init__(7)
+        self.jacobian[:] = np.eye(7)
 
 
 @compiled
@@ -108,12 +120,13 @@ def acceleration_limit(samples, workspaces, controls, limits):
     acceleration_bounds(sample.q, sample.dq, work.seven, limits[0], work.lower, work.upper)
 
 
-class AccelerationLimit(Limit):
+class AccelerationLimit(JointLimit):
     """(12) and (13): joint positions and velocities, as bounds of ddq; see `acceleration_bounds`."""
 
     def __init__(self, arm: ObservedArm) -> None:
-        self.jacobian, self.lower, self.upper = None, arm.workspace[0]["lower"], arm.workspace[0]["upper"]
-        self.step = acceleration_limit, (arm.sample, arm.workspace, arm.control, arm.limits)
+        super().__init__()
+        self.lower, self.upper = arm.workspace[0]["lower"], arm.workspace[0]["upper"]
+        self.steps = ((acceleration_limit, (arm.sample, arm.workspace, arm.control, arm.limits)),)
 
 
 @compiled
@@ -126,9 +139,10 @@ class TorqueLimit(Limit):
     """(14): the torque that is commanded, and with gravity the one that is measured, as bounds of M ddq, Nm."""
 
     def __init__(self, arm: ObservedArm) -> None:
+        super().__init__(7)
         work = arm.workspace[0]
         self.jacobian, self.lower, self.upper = work["M"], work["tau_lower"], work["tau_upper"]
-        self.step = torque_limit, (arm.workspace, arm.limits)
+        self.steps = ((torque_limit, (arm.workspace, arm.limits)),)
 
 
 def paper_limits(arm: ObservedArm) -> list[Limit]:

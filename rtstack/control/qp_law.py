@@ -20,7 +20,7 @@ from hal.compilation import Step, bound, bound_in_turn, compiled
 from rtstack.control.controller import ArmLaw, ObservedArm
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed
 from rtstack.control.impedance import factor_mass
-from rtstack.control.limits import Limit, paper_limits
+from rtstack.control.limits import JointLimit, Limit, paper_limits
 from rtstack.control.program import program
 from rtstack.control.tasks import Task, paper_tasks
 from rtstack.samples import Mode, QpSolver, QpStatus
@@ -178,7 +178,7 @@ class QpLaw(ArmLaw):
         self._torque = bound(torque, arm.workspace, arm.sample, arm.limits)
         pose: list[Part] = [(begin_problem, (arm.workspace, arm.parameters.regularisation))]
         for task in self.tasks:
-            pose.append(task.step or task.update)
+            pose += task.steps or [task.update]
             pose.append((add_task, (arm.workspace, task.jacobian, task.target, task.weight)))
         solve: Part = (solve_free, (arm.sample, arm.workspace, arm.control, arm.limits, *joined))
         self._find = _fused([*pose, *steps, solve])
@@ -203,7 +203,7 @@ class QpLaw(ArmLaw):
         """
         found: dict[str, float] = {}
         for part in (*self.tasks, *self.limits):
-            if part.step is None:
+            if not part.steps:
                 found[type(part).__name__] = 1e-3 * median(_took_ns(part.update) for _ in range(_CALLS))
         return found
 
@@ -216,12 +216,9 @@ def _took_ns(call: Callable[[], None]) -> int:
 
 def _check(part: Task | Limit) -> None:
     """Raise ValueError where a part's arrays have another shape or type than the QP reads."""
-    count = 7 if part.jacobian is None else len(part.jacobian)
-    expected = (
-        {"target": (count,), "weight": (1,)} if isinstance(part, Task) else {"lower": (count,), "upper": (count,)}
-    )
-    if part.jacobian is not None:
-        expected |= {"jacobian": (count, 7)}
+    rows = len(part.jacobian)
+    expected: dict[str, tuple[int, ...]] = {"jacobian": (rows, 7)}
+    expected |= {"target": (rows,), "weight": (1,)} if isinstance(part, Task) else {"lower": (rows,), "upper": (rows,)}
     for name, shape in expected.items():
         array = getattr(part, name)
         if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != np.float64:
@@ -234,15 +231,15 @@ def _joined(limits: Sequence[Limit]) -> tuple[_Joined, list[Part]]:
 
     Of a kind with one limit alone, they are its own arrays.
     """
-    steps: list[Part] = [limit.step or limit.update for limit in limits]
-    alone = [limit for limit in limits if limit.jacobian is None]
+    steps: list[Part] = [step for limit in limits for step in limit.steps or [limit.update]]
+    alone = [limit for limit in limits if isinstance(limit, JointLimit)]
     lower, upper = np.full(7, -math.inf), np.full(7, math.inf)
     if len(alone) == 1:
         lower, upper = alone[0].lower, alone[0].upper
     else:
         for each in alone:
             steps.append((add_bounds, (each.lower, each.upper, lower, upper, each is alone[0])))
-    found = [(limit.jacobian, limit.lower, limit.upper) for limit in limits if limit.jacobian is not None]
+    found = [(limit.jacobian, limit.lower, limit.upper) for limit in limits if not isinstance(limit, JointLimit)]
     if len(found) == 1:
         return _Joined(lower, upper, *found[0]), steps
     count, first = sum(len(own_lower) for _, own_lower, _ in found), 0

@@ -4,6 +4,7 @@ A task is a term weight |jacobian ddq - target|^2 of the cost. It is updated in 
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,17 +17,17 @@ from rtstack.control.impedance import impedance_target, posture_target
 class Task:
     """A term weight |jacobian ddq - target|^2 of the QP's cost; ddq (7,), rad/s^2.
 
-    A subclass writes `jacobian` and `target` in `update`, or gives a compiled `step` that does. Both run in the tick:
+    A subclass writes `jacobian` and `target` in `update`, or gives compiled `steps` that do. Both run in the tick:
     they keep no memory, wait for nothing and raise nothing.
 
     Attributes:
         jacobian: (rows, 7), of any coordinates y: dy = jacobian dq.
         target: (rows,), the acceleration that is wanted, minus the part of ddy that ddq = 0 leaves.
         weight: (1,), 0 or more; the paper's tasks have 1.
-        step: a compiled function and its arguments, in the place of `update`; None: `update` is called.
+        steps: compiled functions, each with its arguments, in the place of `update`; none: `update` is called.
     """
 
-    step: Step | None = None
+    steps: Sequence[Step] = ()
 
     def __init__(self, rows: int, weight: float = 1.0) -> None:
         """Raises ValueError where rows or weight cannot be.
@@ -60,7 +61,7 @@ class ImpedanceTask(Task):
     def __init__(self, arm: ObservedArm) -> None:
         super().__init__(6, arm.parameters.weight_impedance)
         self.jacobian = arm.workspace[0]["J"]
-        self.step = impedance_target, (arm.workspace, arm.setpoint, arm.control, self.target)
+        self.steps = ((impedance_target, (arm.workspace, arm.setpoint, arm.control, self.target)),)
 
 
 class PostureTask(Task):
@@ -70,7 +71,7 @@ class PostureTask(Task):
         super().__init__(1, arm.parameters.weight_posture)
         joint = arm.parameters.posture_joint
         self.jacobian[0, joint] = 1.0
-        self.step = posture_target, (arm.sample, arm.setpoint, arm.control, joint, self.target)
+        self.steps = ((posture_target, (arm.sample, arm.setpoint, arm.control, joint, self.target)),)
 
 
 def paper_tasks(arm: ObservedArm) -> list[Task]:

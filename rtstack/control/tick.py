@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hal.base.arrays import Array
 from hal.compilation import bound
 from rtstack.control.completion import CompletionDetector
-from rtstack.control.controller import ArmLaw
+from rtstack.control.controller import ArmLaw, Detector
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.impedance import note_setpoints
 from rtstack.control.modes import ModeMachine
@@ -91,6 +91,7 @@ class ArmController:
         self.setpoint = np.zeros(1, SETPOINT)
         self.workspace = np.zeros(1, WORKSPACE)
         self.impact = False
+        self.detector: Detector | None = None  # in the place of Appendix B's
         self.limits = control_limits(limits, parameters.period_s)
         self.parameters = parameters
         self._observer = _observer_parameters(model, parameters.period_s, detector, inertia, friction)
@@ -123,6 +124,8 @@ class ArmController:
         """Compute kinematics, dynamics, external force, residual and impact of the state in `sample`."""
         self.model.update(self._q, self._dq)
         self.impact = self._observe()
+        if self.detector is not None:
+            self.impact = self.detector.update(self)
 
     def observed_at(self, q: Array, dq: Array | None = None) -> np.void:
         """Observe the arm at q (7,) rad and dq (7,) rad/s, by default as in `sample`; return its workspace. Never in a

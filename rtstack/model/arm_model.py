@@ -119,6 +119,11 @@ class ArmModel:
     def arrays(self) -> ModelArrays:
         return ModelArrays(self.M, self.C, self.g, self.J0, self.dJ0, self.R7, self.p7)
 
+    def joint_placement(self, joint: int) -> tuple[Array, Array]:
+        """Return rotation (3, 3) and position (3,), m, of a joint's frame in the world, joint 1 to 7; both follow
+        `update`."""
+        return self._data.oMi[joint].rotation, self._data.oMi[joint].translation
+
     def update(self, q: Array, dq: Array) -> None:
         """Compute everything at q (7,) rad and dq (7,) rad/s."""
         # C, J, dJ, the joints' placements, and in Ag the momenta of which M and g are one product each: Pinocchio's
