@@ -31,7 +31,7 @@ for arm, side in enumerate(SIDES):
     monitor.expect(round(expected.t_d_s * 1e9), expected.q_d[arm])
     found = monitor.assess(
         state["t_ns"][:n] - log.start_ns, control["momentum_residual"][:n], state["q"][:n], state["dq"][:n],
-        expected.dq_post[arm],
+        expected.dq_post[arm, :n],
     )  # fmt: skip
     print(
         f"{side}: {found.verdict.name.lower()}, margin {found.margin:.2f}, first impact at "

@@ -11,6 +11,7 @@ Seven = tuple[float, float, float, float, float, float, float]  # a number a joi
 
 # of numpy's kinds, what is taken for it, and what it is called
 _KINDS = {"f": ("iuf", "numbers"), "i": ("iu", "whole numbers (int64)"), "b": ("b", "true or false")}
+_MOST = 1_000_000_000  # 8 GB
 
 
 def numbers(value: Any, name: str, shape: tuple[int | None, ...], dtype: type = float, finite: bool = True) -> Array:
@@ -21,11 +22,13 @@ def numbers(value: Any, name: str, shape: tuple[int | None, ...], dtype: type = 
     """
     kinds, words = _KINDS[np.dtype(dtype).kind]
     try:
-        array = np.asarray(value)
+        array = np.asarray(value.filled(np.nan) if isinstance(value, np.ma.MaskedArray) else value)
     except (ValueError, TypeError, OverflowError):  # rows of different lengths
         raise ValueError(f"{name}: expected {words}, found {type(value).__name__}") from None
     if array.dtype.kind not in kinds or (kinds == "iu" and not np.can_cast(array.dtype, np.int64)):
         raise ValueError(f"{name}: expected {words}, found {array.dtype}")
+    if array.size > _MOST:
+        raise ValueError(f"{name}: expected at most {_MOST:,} numbers, found {array.size:,}")
     if len(shape) != array.ndim or any(want not in (None, has) for want, has in zip(shape, array.shape, strict=True)):
         expected = str(shape).replace("None", "any")
         raise ValueError(f"{name}: expected shape {expected}, found {array.shape}")

@@ -54,7 +54,7 @@ def problem_from_arrays(
         raise ValueError(f"friction: expected at least 0, found {mu.min()}")
     s = numbers(np.zeros((n, 3)) if support_velocity is None else support_velocity, "support_velocity", (n, 3))
     pressed = numbers(np.full(n, maintained) if isinstance(maintained, bool) else maintained, "maintained", (n,), bool)
-    labels = list(range(n) if patches is None else patches)
+    labels = range(n) if patches is None else patches
     if len(labels) != n:
         raise ValueError(f"patches: expected a label for each of {n} points, found {len(labels)}")
     groups = [(label, len(list(its))) for label, its in groupby(labels)]
@@ -77,6 +77,7 @@ def problem_from_arrays(
             raise ValueError(
                 "M: expected a positive definite matrix, found an eigenvalue that is not positive"
             ) from None
-        if not (np.isfinite(problem.A.T @ problem.A).all() and np.isfinite(problem.A.T @ problem.w).all()):
+        products = (problem.w @ problem.w, problem.A.T @ problem.w, problem.A.T @ problem.A)
+        if not all(np.isfinite(product).all() for product in products):
             raise ValueError("M, J and velocity: their products are beyond what a float holds: give them in SI units")
     return problem

@@ -36,7 +36,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.base.arrays import Array
+from hal.base.arrays import Array, numbers
 from rtstack.impact_map.coulomb import ContactState, contact_states, law_residuals
 from rtstack.impact_map.problem import Problem, problem_of
 from rtstack.impact_map.result import Impact, ImpactMap, Status
@@ -69,7 +69,7 @@ def pressed(problem: Problem, pressing_ns: Array | Sequence[float], second_opini
 
     The impulses that are told include the reaction to it; it does not move the bodies' common momentum.
     """
-    pressing = np.asarray(pressing_ns, dtype=float)
+    pressing = numbers(pressing_ns, "pressing_ns", (len(problem.contacts),))
     load = np.zeros((len(problem.friction), 3))
     for rows, impulse in zip(problem.points, pressing, strict=True):
         load[rows, 2] = impulse / (rows.stop - rows.start)
@@ -129,6 +129,7 @@ def _solutions(problem: Problem, A: Array, w: Array, held: Mask, second_opinion:
     return solution, (told, first)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that are no body's
 def _impact(
     problem: Problem, solution: Solution, apart: Difference, after: Array, impulses: Array, load: Array,
     pressing: Array, held: Mask,

@@ -50,8 +50,8 @@ def problem_from_mujoco(
         raise SceneError("the model has active equality constraints, which an impact map does not know: disable them")
     try:
         wanted = None if pairs is None else {frozenset(model.geom(name).id for name in pair) for pair in pairs}
-    except (KeyError, ValueError) as error:
-        raise SceneError(f"pairs: {error.args[0]}") from None
+    except (KeyError, ValueError, TypeError) as error:
+        raise SceneError(f"pairs: {str(error.args[0]).splitlines()[0]}") from None
     touching = [c for c in data.contact if not c.exclude and (wanted is None or frozenset(c.geom.tolist()) in wanted)]
     if not touching or min(c.geom.min() for c in touching) < 0:
         raise SceneError(f"expected contacts of geoms, found none among {data.ncon}: call mj_forward where geoms touch")
@@ -110,6 +110,7 @@ def problem_from_urdf(
     points, normals = numbers(points, "points", (n, 3)), numbers(normals, "normals", (n, 3))
     if not normals.any(axis=1).all():
         raise ValueError("normals: expected directions, found zeros")
+    normals = normals / np.abs(normals).max(axis=1, keepdims=True)  # of any size
     data = model.createData()
     M = np.triu(pin.crba(model, data, q, pin.Convention.WORLD))  # crba fills the upper triangle only
     M += np.triu(M, 1).T + np.diag(added)

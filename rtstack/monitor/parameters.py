@@ -1,13 +1,16 @@
 """What the monitor is tuned with: Tables 1 and 2 of the collision-monitoring paper."""
 
-import math
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.base.arrays import numbers
 from rtstack.monitor.records import LONGEST_WINDOW, parameters_dtype
+
+MOST_JOINTS = 1000
+LARGEST = 1e9  # of any number: 30 years in ns fit into 64 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +50,14 @@ class MonitorParameters:
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if not (math.isfinite(number) and (number > 0.0 or (name == "delay" and number == 0))):
-                    raise ValueError(f"{name} has to be a positive number, not {number}")
-        if not self.residual_rate_nm_s:
-            raise ValueError("residual_rate_nm_s needs a bound for each joint")
+            shape, kind = (None,) * (name == "residual_rate_nm_s"), np.int64 if name in ("window", "delay") else float
+            value = numbers(getattr(self, name), name, shape, kind)
+            if not (value > 0.0).all() and (name != "delay" or value < 0):
+                raise ValueError(f"{name} has to be a positive number, not {value.min()}")
+            if (value > LARGEST).any():
+                raise ValueError(f"{name} has to be at most {LARGEST:g}, not {value.max()}")
+        if not 0 < self.joints <= MOST_JOINTS:
+            raise ValueError(f"residual_rate_nm_s needs a bound for each of 1 to {MOST_JOINTS} joints")
         if self.window > LONGEST_WINDOW:
             raise ValueError(f"window has to be at most {LONGEST_WINDOW} ticks, not {self.window}")
         if self.delay * self.period_s > self.horizon_s:

@@ -21,9 +21,11 @@ Array = NDArray[np.floating]
 
 WINDOW_S, DECAY_1_S, HORIZON_S, SPACING_S = 0.013, 19.0, 0.1, 0.1  # Table 2 of the collision-monitoring paper
 DELAYS_S = np.arange(5, 96, 5) * 1e-3  # candidates of m_c
+SHORTEST_S, LONGEST_S = 0.00022, 0.005  # of a tick: the window holds at most 63, the first delay at least one
 ENOUGH = 1.25  # times the margin that the longest delay needs: waiting longer gains little
 SETTLED_S = 0.1  # the observer has started
 AROUND_S = 0.15  # the nominal impact: what a displacement of 30 mm and the impact itself take
+LARGEST = 100.0  # sensitivity
 WIDE, WIDE_RAD_S = 1e6, 1e3  # bounds that nothing meets
 
 
@@ -107,15 +109,22 @@ def tune_with_impacts(
     motions: Sequence[GoodMotion], sensitivity: float, period_s: float
 ) -> tuple[MonitorParameters, list[float]]:
     """Return the parameters, and each motion's first impact, s after the nominal one: see `tune_monitor`."""
-    if not motions or not 1.0 <= sensitivity < np.inf:
-        raise ValueError(f"expected motions and a sensitivity of at least 1, found {len(motions)} and {sensitivity}")
+    sensitivity, period_s = (
+        float(numbers(value, name, ())) for value, name in ((sensitivity, "sensitivity"), (period_s, "period_s"))
+    )
+    if not motions or not 1.0 <= sensitivity <= LARGEST:
+        raise ValueError(f"expected motions and a sensitivity of 1 to {LARGEST}, found {len(motions)}, {sensitivity}")
     for motion in motions:
+        if not isinstance(motion, GoodMotion):
+            raise TypeError(f"motions: expected GoodMotion, found {type(motion).__name__}")
         if motion.q.shape[1] != motions[0].q.shape[1]:
             raise ValueError(f"{motion.name}: expected {motions[0].q.shape[1]} joints, found {motion.q.shape[1]}")
+    if not SHORTEST_S <= period_s <= LONGEST_S:
+        raise ValueError(f"period_s: expected {SHORTEST_S} to {LONGEST_S}, found {period_s}")
     rates = sensitivity**2 * np.max([motion.quiet_rates() for motion in motions], axis=0)
     window, delays = round(WINDOW_S / period_s), np.round(DELAYS_S / period_s).astype(int).tolist()
     wide = MonitorParameters(
-        tuple(rates.tolist()), max(1, window), delays[0], DECAY_1_S, WIDE, WIDE, HORIZON_S, WIDE_RAD_S, WIDE, period_s
+        tuple(rates.tolist()), window, delays[0], DECAY_1_S, WIDE, WIDE, HORIZON_S, WIDE_RAD_S, WIDE, period_s
     )
     firsts, times, distances = [], [], []
     for motion in motions:

@@ -234,7 +234,19 @@ def test_nothing_is_judged_before_something_is_expected():
 
 @pytest.mark.parametrize(
     "change",
-    [{"window": 0}, {"window": 64}, {"delay": 101}, {"velocity_rad_s": 0.0}, {"time_s": float("nan")}, {"delay": -1}],
+    [
+        {"window": 0},
+        {"window": 64},
+        {"delay": 101},
+        {"velocity_rad_s": 0.0},
+        {"time_s": float("nan")},
+        {"delay": -1},
+        {"window": 13.5},
+        {"spacing_s": 1e300},
+        {"residual_rate_nm_s": ()},
+        {"decay_1_s": "19"},
+        {"horizon_s": 10**400},
+    ],
 )
 def test_a_tuning_that_makes_no_sense_is_refused_by_name(change):
     with pytest.raises(ValueError, match=next(iter(change))):

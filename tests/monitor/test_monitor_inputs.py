@@ -58,6 +58,8 @@ def test_ten_rows_for_five_million_times_are_refused():
         ("dq", np.full((400, 3), "a"), r"dq: expected numbers, found <U1"),
         ("dq", None, r"dq: expected numbers, found object"),
         ("dq", [[1.0], [1.0, 2.0]], r"dq: expected numbers, found list"),
+        ("q", np.broadcast_to(0.0, (10**12, 3)), "q: expected at most 1,000,000,000 numbers, found 3,000,000,000,000"),
+        ("t_ns", np.ma.masked_array(np.arange(400), np.arange(400) > 9), "t_ns: expected whole numbers"),
         ("t_ns", np.arange(400) * 1e-3, r"t_ns: expected whole numbers \(int64\), found float64"),
         ("t_ns", np.arange(400)[::-1], r"t_ns: expected increasing times, found 398 after 399"),
     ],

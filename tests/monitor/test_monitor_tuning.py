@@ -71,11 +71,16 @@ def test_what_does_not_fit_is_refused_in_one_line():
         with pytest.raises(ValueError, match=message):
             replace(good, **{name: value})
     for motions, sensitivity, message in (
-        ([], 1.5, "at least 1, found 0"),
-        ([good], 0.5, "found 1 and 0.5"),
+        ([], 1.5, "1 to 100.0, found 0"),
+        ([good], np.inf, "sensitivity: expected finite numbers"),
+        ([good], 0.5, "found 1, 0.5"),
         ([good, replace(good, name="flat", residual=0.0 * good.residual)], 1.5, "flat: no impact"),
         ([replace(good, t_ns=good.t_ns // 10, t_d_ns=50_000_000)], 1.5, "run 1: expected more than 0.15 s"),
         ([good, motion(2, joints=3)], 1.5, "run 2: expected 2 joints, found 3"),
     ):
         with pytest.raises(ValueError, match=message):
             tune_monitor(motions, sensitivity)
+    with pytest.raises(TypeError, match="motions: expected GoodMotion, found NoneType"):
+        tune_monitor([None], 1.5)
+    with pytest.raises(ValueError, match=r"period_s: expected 0\.00022 to 0\.005, found 1\.0"):
+        tune_monitor([good], 1.5, 1.0)
