@@ -1,29 +1,111 @@
 """Extension points: what installed packages offer under a group of entry points, found by name, loaded when needed."""
 
+import inspect
 import sys
 import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 T = TypeVar("T")
 
 
 OURS = ("hal", "rtstack", "sim_robot", "console", "deploy")
-_NO_PACKAGE = {"__main__", *sys.stdlib_module_names}
 PLUG_INS_RAISE = (Exception, SystemExit)  # a module of another author may also call exit
+_ROOT = Path(__file__).resolve().parents[1]
+_INSTALLED = {"site-packages", "dist-packages"}  # folders of packages, which are plug-ins only if they were loaded
+_MOST = 120  # characters of an error's own text: an event has 200 in all
+_LOADED: dict[str, str] = {}  # name and version of each package that was loaded, by its top-level module
 
 
-def raised(error: BaseException) -> str:
-    """Return in one line what was raised, in which file and line, and in which package, where that is not ours."""
-    frames = list(traceback.walk_tb(error.__traceback__))
-    packages = (str(frame.f_globals.get("__name__", "")).partition(".")[0] for frame, _ in frames)
-    where = [f"{name}, " for name in packages if name not in OURS and name not in _NO_PACKAGE][:1]
-    where += [f"{Path(frame.f_code.co_filename).name}:{line}" for frame, line in frames[-1:]]
+def raised(error: BaseException, *called: object) -> str:
+    """Return in one line what was raised, where, and what to do if it is the code of another author.
+
+    Args:
+        error: what was raised.
+        called: the functions or methods of another author whose answer may have caused it, where ours raised it.
+    """
     text = " ".join(f"{type(error).__name__}: {error}".split())
-    return f"{text} ({''.join(where)})" if where else text
+    text = text if len(text) <= _MOST else f"{text[:_MOST]}..."
+    if where := culprit(error, *called):
+        return f"{text} {blame(where)}"
+    frames = list(traceback.walk_tb(error.__traceback__))
+    return text + "".join(f" ({Path(frame.f_code.co_filename).name}:{line})" for frame, line in frames[-1:])
+
+
+def culprit(error: BaseException, *called: object) -> str:
+    """Return package, version, file and line of the innermost code of another author in a traceback; "" where all of it
+    is ours. An answer of the wrong type is raised in ours: then of the first of `called`.
+    """
+    frames = reversed(list(traceback.walk_tb(error.__traceback__)))
+    places = (_place(frame.f_globals.get("__name__", ""), frame.f_code.co_filename, line) for frame, line in frames)
+    return next(filter(None, places), "") or (
+        defined_at(*called) if isinstance(error, TypeError | AttributeError) else ""
+    )
+
+
+def defined_at(*things: object) -> str:
+    """Return package, version, file and line of the first function, method or class of another author; "" for none."""
+    return next(filter(None, map(_definition, things)), "")
+
+
+def _definition(thing: object) -> str:
+    thing = inspect.unwrap(getattr(thing, "func", thing))  # type: ignore[arg-type]  # of a functools.partial, or wraps
+    code = getattr(thing, "__code__", None)
+    if code is not None:
+        return _place(str(thing.__module__), code.co_filename, code.co_firstlineno)
+    kind = thing if isinstance(thing, type) else type(thing)
+    try:
+        return _place(kind.__module__, inspect.getfile(kind), inspect.findsource(kind)[1] + 1)
+    except (OSError, TypeError):
+        return ""
+
+
+def package_of(module: str) -> str:
+    """Return name and version of the loaded package that a module belongs to; "" for ours, and for no package."""
+    return _LOADED.get(module.partition(".")[0], "")
+
+
+@contextmanager
+def blaming(what: str, *called: object, error: type[Exception] | None = None) -> Iterator[None]:
+    """Where the code of another author raises, raise one line that begins with `what`; our own errors pass.
+
+    Args:
+        what: what cannot be done.
+        called: see `raised`.
+        error: the type of what is raised, ExtensionError by default.
+    """
+    try:
+        yield
+    except PLUG_INS_RAISE as reason:
+        if type(reason).__module__.partition(".")[0] in OURS or not culprit(reason, *called):
+            raise
+        raise (error or ExtensionError)(f"{what}: {raised(reason, *called)}") from reason
+
+
+def require(made: object, *methods: str) -> None:
+    """Raise TypeError where an object of another author lacks one of these methods."""
+    if missing := [name for name in methods if not callable(getattr(made, name, None))]:
+        raise TypeError(f"{type(made).__name__} has no {', no '.join(missing)}")
+
+
+def blame(where: str) -> str:
+    """Return a place as the end of a message. Only a plug-in's begins with its package and a comma."""
+    return f"({where}); mend it there{', or uninstall the package' * (', ' in where)}" if where else ""
+
+
+def _place(module: str, file: str, line: int) -> str:
+    top, package, path = module.partition(".")[0], package_of(module), Path(file)
+    if top in OURS or top in sys.stdlib_module_names or any(path.is_relative_to(_ROOT / name) for name in OURS):
+        return ""
+    if not package and (file[:1] in ("", "<") or path.is_relative_to(sys.prefix) or _INSTALLED & set(path.parts)):
+        return ""
+    depth = 1 + module.count(".") + (path.stem == "__init__")
+    return f"{package}{', ' * bool(package)}{'/'.join(path.parts[-depth:])}:{line}"
 
 
 class ExtensionError(Exception):
@@ -73,7 +155,18 @@ class ExtensionPoint(Generic[T]):
             raise ExtensionError(self._refusal(entry, f"cannot be loaded: {reason}")) from error
         if not isinstance(found, self.kind):
             raise ExtensionError(self._refusal(entry, f"is {type(found).__name__}, not {self.kind.__name__}"))
+        if (module := entry.module.partition(".")[0]) not in OURS:
+            _LOADED[module] = _package(entry)
         return found
+
+    def make(self, name: str, argument: str, *methods: str) -> Any:
+        """Return what the function under a name makes of the text behind NAME: on the command line. methods: which the
+        object must have. Raises ExtensionError with one line.
+        """
+        make = cast("Callable[[str], Any]", self.load(name))
+        with blaming(f"the {self.what} {name} cannot be opened with {argument!r}", make):
+            require(made := make(argument), *methods)
+        return made
 
     def package(self, name: str) -> tuple[str, str]:
         """Return name and version of the package that offers a name; of the first, where there are several."""

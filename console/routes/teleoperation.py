@@ -20,6 +20,7 @@ from console.sign_in import UserSession
 from console.teleoperation.devices import Coupling, OfArms
 from console.teleoperation.teleop_view import Handles, Lead, TeleopView
 from rtstack.live.client import RobotRefused, RobotUnreachable
+from rtstack.live.protocol import NoteRequest
 from rtstack.loop.mailbox import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat, problem
 from rtstack.samples import SIDES
@@ -68,6 +69,7 @@ class TeleopMessage:
     sent: StrictFloat | None = None  # comes back, so that a page can tell how long a beat takes
     stamp: Stamp | None = None
     stop: StrictBool = False
+    failed: Annotated[str, Field(max_length=400)] = ""  # the device has ended so; the run that goes on has failed
 
 
 _OF_HANDS = (("hands",), ("pose",), ("sensed",))
@@ -87,6 +89,7 @@ async def request(message: TeleopMessage, session: NeedsSession, parts: NeedsPar
     # not async for waiting: in the event loop, as those of sockets are, no message is carried out within another one
     if message.stop:
         await request_stop(parts, session)
+    await _note(parts, session.operator, message.failed)
     _act(parts, session.operator, message)
     return parts.teleop.view
 
@@ -117,6 +120,7 @@ async def stream(websocket: WebSocket) -> None:
             try:
                 message = _MESSAGES.validate_json(text)
                 answer["sent"] = message.sent
+                await _note(parts, operator, message.failed)
                 _act(parts, operator, message, came_ns)
             except ValidationError as error:
                 answer["error"] = problem(error, "message")
@@ -134,6 +138,13 @@ async def stream(websocket: WebSocket) -> None:
         parts.teleop.release(operator, Release.LOST)
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         await websocket.close(*SIGNED_OUT)
+
+
+async def _note(parts: Parts, operator: str, failed: str) -> None:
+    """Fail the operator's run, whose device has ended: on the pages, in log and result. Raises RobotRefused."""
+    if failed:
+        parts.teleop.set(operator)  # which only who has control may
+        await asyncio.to_thread(parts.client.request, NoteRequest(operator, failed, True))
 
 
 async def _listen(websocket: WebSocket, parts: Parts, waiting: asyncio.Queue[tuple[str, int] | None]) -> None:

@@ -8,7 +8,7 @@ from hal.base.realtime import obtainable
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.errors import ConnectionLost, HardwareError
-from hal.extensions import PLUG_INS_RAISE, ExtensionError, ExtensionPoint, raised
+from hal.extensions import ExtensionError, ExtensionPoint, blaming, require
 from hal.fci import FciPair, ask_for_urdf, limits_in, open_pair
 from hal.limits import CollisionBehaviour, OwnLimits
 from hal.pad import Pad
@@ -132,7 +132,11 @@ def _listen(tracker: TrackerDescription, object_name: str, robot_clock: ClockRel
     """Listen for the object's poses. Raises HardwareError with one line, TrialError for an unknown tracker or body."""
     factory = _tracker(tracker)
     try:
-        return factory(tracker.request(object_name, robot_clock))
+        with blaming(f"the tracker {tracker.kind} cannot be opened", factory, error=TrialError):
+            require(made := factory(tracker.request(object_name, robot_clock)), "latest", "close")
+            if not hasattr(shown := made.latest(), "record"):
+                raise TypeError(f"latest returned a {type(shown).__name__}, not a hal.tracker.ObjectPose")
+            return made
     except ValueError as error:
         raise TrialError(f"the tracker of the cell's file: {error}") from None
     except (OSError, OverflowError) as error:
@@ -141,8 +145,6 @@ def _listen(tracker: TrackerDescription, object_name: str, robot_clock: ClockRel
             f"cannot listen for the object's poses at {tracker.address}: {reason}; end the program that listens "
             "there, or give the cell's file another address under [tracker]"
         ) from None
-    except PLUG_INS_RAISE as error:
-        raise HardwareError(f"the tracker {tracker.kind} cannot be opened: {raised(error)}") from error
 
 
 class ClosingLink:

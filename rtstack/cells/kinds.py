@@ -1,13 +1,14 @@
 """Kinds of cells, by the entry points of the group rtstack.cells: `NAME` or `NAME:ARGUMENT` on the command line."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
+from typing import Any
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from hal.errors import HardwareError
-from hal.extensions import PLUG_INS_RAISE, ExtensionError, ExtensionPoint, raised
+from hal.extensions import ExtensionError, ExtensionPoint, blaming
 from rtstack.cells.description import load_description
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
@@ -63,9 +64,24 @@ def kind_of(kind: str) -> tuple[CellKind, str]:
     """Return the kind of cell of `NAME` or `NAME:ARGUMENT`, and the argument. Raises TrialError."""
     name, _, argument = kind.partition(":")
     try:
-        return CELLS.load(name), argument
+        found = CELLS.load(name)
     except ExtensionError as error:
         raise TrialError(str(error)) from None
+    return CellKind(*(_guarded(name, each.name, getattr(found, each.name)) for each in fields(CellKind))), argument
+
+
+def _guarded(name: str, what: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of a kind of cell as one that raises TrialError where another author's code raises."""
+
+    @wraps(function)
+    def call(*arguments: Any) -> Any:
+        with blaming(f"the cell {name} cannot be used: {what}", function, error=TrialError):
+            made = function(*arguments)
+            if what == "open" and not isinstance(made, Cell):
+                raise TypeError(f"it returned a {type(made).__name__}, not a hal.cell.Cell")
+            return made
+
+    return call
 
 
 def with_profile(kind: str, profile: str | None) -> str:
@@ -106,11 +122,4 @@ def open_cell(
         kind, argument, object_name, Displacement.of(displacement), seed, described, cell_file, faults, noise_seed,
         live, led,
     )  # fmt: skip
-    try:
-        return found.open(request)
-    except (TrialError, HardwareError):
-        raise
-    except PLUG_INS_RAISE as error:
-        if CELLS.package(kind.partition(":")[0])[0] == "rtstack":
-            raise
-        raise TrialError(f"cell {kind!r} cannot be opened: {raised(error)}") from error
+    return found.open(request)

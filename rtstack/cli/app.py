@@ -130,7 +130,7 @@ def _explain(error: Exception) -> int:
     from hal.base.configuration import ConfigurationError
     from hal.base.extras import advice
     from hal.errors import HardwareError
-    from hal.extensions import ExtensionError, raised
+    from hal.extensions import ExtensionError, culprit, raised
     from rtstack.log.errors import LogError
     from rtstack.messages import problem
     from rtstack.trials.errors import TrialError
@@ -145,6 +145,8 @@ def _explain(error: Exception) -> int:
         return _say("the system's package of libgomp.so.1 is missing: apt-get install libgomp1", BAD_INPUT)
     if isinstance(error, ValidationError):
         return _say(problem(error), BAD_INPUT)
+    if os.environ.get("RTSTACK_TRACEBACK") and error.__cause__ is not None and culprit(error.__cause__):
+        raise error
     if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError | ExtensionError):
         return _say(str(error), BAD_INPUT)
     if isinstance(error, OSError) and error.errno in _HOST:
@@ -152,6 +154,8 @@ def _explain(error: Exception) -> int:
         return _say(f"{what}: make room there, or choose another place", BAD_INPUT)
     if os.environ.get("RTSTACK_TRACEBACK"):
         raise error
+    if culprit(error):
+        return _say(f"{raised(error)}; set RTSTACK_TRACEBACK=1 to see how it came to that", FAILED)
     return _say(f"internal error: {raised(error)}; set RTSTACK_TRACEBACK=1 to see where, and report it", FAILED)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hal.extensions import blaming
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import handled
 from rtstack.cli.options import CellFile, Json, Profile
@@ -139,7 +140,8 @@ def _opened(name: str, request: "Request", quick: bool, given: Iterable[str]) ->
         if option not in kind.options:
             taken = ", ".join(f"--{each.replace('_', '-')}" for each in sorted(kind.options)) or "none of these options"
             raise TrialError(f"--{option.replace('_', '-')}: {name} takes none; it takes {taken}")
-    return kind(kind.read(request.file.path, quick), request)
+    with blaming(f"the plan {name} cannot be run", kind.read):
+        return kind(kind.read(request.file.path, quick), request)
 
 
 def _stack_operator(cell: str, name: str, out: Path, cell_file: Path | None) -> "StackOperator":
@@ -186,11 +188,12 @@ def _run(
         done = invoke(experiment, client, host, lambda text: notify("waiting", text))
     gc.freeze()  # what is left is for the system: the interpreter's end would look at each object, 0.6 s of them
     tally, unit = done.tally, experiment.unit
-    pace = (
-        f"{tally.rows} {unit}, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {done.at_once} workers: "
-        f"{tally.real_time_factor:.1f} x real time{', logs included' * experiment.logged}"
-    )
-    print(pace if tally.rows else f"no {unit.removesuffix('s')} was missing")
+    pace = f"{tally.rows} {unit} in {tally.wall_s:.0f} s with {done.at_once} workers"
+    if tally.robot_s:  # a kind says it by robot_s, or by the column ticks
+        pace += f": {tally.robot_s:.0f} s of the robot, {tally.real_time_factor:.1f} x real time"
+        pace += ", logs included" * experiment.logged
+    if tally.rows or not tally.failures:
+        print(pace if tally.rows else f"no {unit.removesuffix('s')} was missing")
     if done.report.summary:
         print(done.report.summary)
     notify("ended", f"{len(tally.failures)} could not be run. {done.report.summary} Report: {done.page}")

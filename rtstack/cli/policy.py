@@ -9,6 +9,7 @@ import numpy as np
 import typer
 
 from hal.displacement import Displacement
+from hal.extensions import PLUG_INS_RAISE, raised
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.options import CellFile, Json, LogOut, ObjectName, Seed, ShiftX, ShiftY, Yaw
@@ -62,16 +63,12 @@ def policy(
 
 def open_policy(name: str, rate_hz: float) -> "Policy":
     """Return an open policy by NAME[:ARGUMENT]. Raises TrialError or ExtensionError with one line."""
-    from rtstack.teleoperation.policy import FASTEST_HZ, POLICIES, SLOWEST_HZ, own_words
+    from rtstack.teleoperation.policy import FASTEST_HZ, POLICIES, SLOWEST_HZ
 
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise TrialError(f"--rate-hz {rate_hz:g}: a policy is asked {SLOWEST_HZ} to {FASTEST_HZ} times a second")
     name, _, argument = name.partition(":")
-    factory = POLICIES.load(name)
-    try:
-        return factory(argument)
-    except Exception as error:  # whatever the code of another author raises
-        raise TrialError(f"the policy {name} was not opened: {own_words(error)}") from error
+    return POLICIES.make(name, argument, "act", "close")
 
 
 def _run_at_console(name: str, rate_hz: float, console: str, token: str) -> None:
@@ -99,20 +96,22 @@ def _run_at_console(name: str, rate_hz: float, console: str, token: str) -> None
 def _answer(stream: "Stream", policy: "Policy", shown: dict[str, Any]) -> None:
     """Have the policy answer one observation; where it has no answer, the console is sent one that it refuses."""
     from rtstack.cameras.newest import Picture
-    from rtstack.teleoperation.policy import Chunk, Observation, own_words
+    from rtstack.teleoperation.policy import Chunk, Observation, answer_of
 
     arrays = {key: np.array(shown[key]) for key in _ARRAYS}
     pose = None if shown["object_pose"] is None else np.array(shown["object_pose"])
     pictures = {name: Picture(each["t_ns"], b64decode(each["jpeg"])) for name, each in shown["pictures"].items()}
     numbers = shown["number"], shown["t_ns"], shown["t_s"]
     try:
-        chunk = policy.act(Observation(*numbers, **arrays, object_pose=pose, pictures=pictures))
-    except Exception as error:  # whatever the code of another author raises
-        stream.send(json_module.dumps({"to": shown["number"], "failed": own_words(error)[:400]}))
+        observation = Observation(*numbers, **arrays, object_pose=pose, pictures=pictures)
+        chunk = answer_of(policy, observation, len(observation.q))[0] or Chunk()
+        named = {"poses": chunk.poses, "joints": chunk.joints}
+        said = {key: np.asarray(value).tolist() for key, value in named.items() if value is not None}
+    except PLUG_INS_RAISE as error:
+        reason = raised(error, policy.act)
+        stream.send(json_module.dumps({"to": shown["number"], "failed": reason[:400]}))
         stream.recv(_TIMEOUT_S)  # it has been taken
-        typer.echo(f"rtstack: the policy has ended: {own_words(error)}", err=True)
+        typer.echo(f"rtstack: the policy has ended: {reason}", err=True)
         raise typer.Exit(FAILED) from error
-    chunk = chunk or Chunk()
-    named = {"poses": chunk.poses, "joints": chunk.joints}
-    said = {"step_s": chunk.step_s} | {key: value.tolist() for key, value in named.items() if value is not None}
-    stream.send(json_module.dumps({"to": shown["number"]} | ({"finished": True} if chunk.finished else said)))
+    said = {"finished": True} if chunk.finished else {"step_s": chunk.step_s} | said
+    stream.send(json_module.dumps({"to": shown["number"]} | said))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hal.extensions import PLUG_INS_RAISE, raised
 from rtstack.cli.console_client import Operator, Stream
 from rtstack.cli.exit_status import FAILED
 from rtstack.cli.interrupt import interruptible
@@ -42,8 +43,8 @@ def teleoperate(
     from rtstack.teleoperation.stamp import Sender
 
     name, _, argument = device.partition(":")
-    operator, factory = Operator(console, token), DEVICES.load(name)
-    with closing(operator), interruptible() as stop:
+    operator = Operator(console, token)
+    with closing(operator), closing(DEVICES.make(name, argument, "read", "close")) as opened, interruptible() as stop:
         operator.post("take")
         operator.post("arm")
         asked = {"object": object_name, "recorded": record, "stop_on_release": False}
@@ -55,8 +56,7 @@ def teleoperate(
             with operator.hand() as stream:
                 sender = Sender()
                 hold(operator, stream, sender)
-                with closing(factory(argument)) as opened:
-                    job = lead(operator, opened, stream, sender, lambda: stop.stop_requested)
+                job = lead(operator, opened, stream, sender, lambda: stop.stop_requested)
         while job["state"] in _ACTIVE:
             time.sleep(PERIOD_S)
             job = operator.post("beat")["job"]
@@ -82,12 +82,21 @@ def _told(stream: Stream, sender: "Sender", message: dict[str, Any]) -> dict[str
 
 
 def lead(operator: Operator, device: "InputDevice", stream: Stream, sender: "Sender", stop: Any) -> dict[str, Any]:
-    """Pass on what the device says, 50 times a second, until it has finished. Returns the job."""
+    """Pass on what the device says, 50 times a second, until it has finished, or raises. Returns the job."""
+    from rtstack.teleoperation.device import HandInput
+
     beat_s, refused, beaten = -BEAT_S, "", None
     with ThreadPoolExecutor(1) as beside:  # a robot process that answers late must not hold the clutch up
         while True:
             now_s = time.monotonic()
-            said = device.read()
+            try:
+                if not isinstance(said := device.read(), HandInput):
+                    raise TypeError(f"read returned a {type(said).__name__}, not a HandInput")
+            except PLUG_INS_RAISE as error:  # whatever the code of another author raises
+                reason = f"the input device has ended: {raised(error, device.read)}"
+                typer.echo(f"rtstack: {reason}", err=True)
+                _told(stream, sender, {"clutch": False, "failed": reason[:400]})
+                said = HandInput(held=False, finished=True)
             if said.finished or stop():
                 operator.post("teleoperation/finish")
                 return operator.post("beat")["job"]

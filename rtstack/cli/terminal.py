@@ -72,7 +72,10 @@ class Terminal(CellHost):
 
     def run(self, prepared: PreparedRun[R]) -> R:
         """Carry out a run here."""
-        return carry_out(prepared, self)
+        result = carry_out(prepared, self)
+        if said := getattr(result, "warning", ""):
+            self.warn(said)
+        return result
 
     def check(self) -> HoldToRun:
         """Check that a person can hold the arms to run. Raises TrialError."""

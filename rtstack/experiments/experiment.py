@@ -5,16 +5,19 @@ runs; a task gives a row for each of its cases; rows give a report. The engine d
 a Dask scheduler, what is missing after an interruption, retries, the table of results, progress, figures and page.
 """
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, final
 
 from hal.displacement import Displacement
+from hal.extensions import package_of
 from rtstack.experiments.plan_file import PlanFile, digest_of
 from rtstack.experiments.report import Report
 from rtstack.experiments.task import digests
+from rtstack.trials.controllers import CONTROLLERS
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
@@ -129,6 +132,14 @@ class Results:
     preliminary: bool = False
 
 
+def _plug_ins(kind: type, specification: Any) -> list[str]:
+    """Return name and version of the other packages that a plan's kind and its controllers come from."""
+    plan = json.dumps(asdict(specification), default=str)
+    named = (CONTROLLERS.package(name) for name in CONTROLLERS.names() if f'"{name}"' in plan)
+    found = {" ".join(package) for package in named if package[0] != "rtstack"} | {package_of(kind.__module__)}
+    return sorted(found - {""})
+
+
 S = TypeVar("S", bound=Specification)
 C = TypeVar("C", bound=Case)
 
@@ -165,7 +176,8 @@ class Experiment(ABC, Generic[S, C]):
         self.sources = digests(sources)
         # of everything that a result depends on but code: a folder is resumed with the same digest only
         where = also if request.cell == DIRECT else (also, request.cell)
-        self.digest = digest_of(specification, sources, where)
+        plug_ins = _plug_ins(type(self), specification)
+        self.digest = digest_of(specification, sources, (where, plug_ins) if plug_ins else where)
 
     @property
     def logged(self) -> bool:

@@ -156,7 +156,7 @@ def registered(experiment: "Experiment[Any, Any]", store: "Store") -> dict[str, 
 def pace(invocations: Sequence[Mapping[str, Any]], logged: bool) -> str:
     """Return in words how fast a campaign's invocations went. logged: whether logs were written meanwhile."""
     robot_s, wall_s = (sum(each[name] for each in invocations) for name in ("robot_s", "wall_s"))
-    if not wall_s:
+    if not wall_s or not robot_s:
         return "-"
     workers = sorted({int(each["workers"]) for each in invocations})
     return (

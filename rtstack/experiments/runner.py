@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
+from types import TracebackType
 from typing import Any, cast
 
 from distributed import Client, Future, as_completed
 
+from hal.extensions import raised
 from rtstack.experiments.experiment import Case, Experiment, Row, Stage, Task
 from rtstack.experiments.progress import Progress
 from rtstack.experiments.simulation import simulated_tasks
@@ -77,7 +79,7 @@ class Runner:
             stage.tasks, lambda task: self._submit(task, run_stage, task.function, task.arguments, sources, retries=0)
         ):
             if future.status != "finished":
-                raise TrialError(f"{stage.label}: {task.name}: {_reason_of(future)}")
+                raise TrialError(f"{stage.label}: {task.name}: {_reason_of(future, task.function)}")
             reason = future.result()
             if reason is not None:
                 failed[task.name] = reason
@@ -103,11 +105,16 @@ class Runner:
             ),
         ):
             if future.status != "finished":
-                tally.failures[_words(task)] = _reason_of(future)
+                tally.failures[_words(task)] = _reason_of(future, task.function, experiment.row_of_log)
                 self._progress.advance(failed=len(task.cases), done=0)
                 continue
             rows: list[Row] = future.result()
-            self._store.add(*rows)
+            try:
+                self._store.add(*rows, made_by=(task.function, experiment.row_of_log))
+            except TrialError as error:
+                tally.failures[_words(task)] = str(error)
+                self._progress.advance(failed=len(task.cases), done=0)
+                continue
             robot_s = sum(map(experiment.robot_s, rows))
             tally.rows += len(rows)
             tally.robot_s += robot_s
@@ -150,6 +157,9 @@ def _words(task: Task) -> str:
     return f"{task.cases[0].id} and {further} more" if further > 0 else task.name
 
 
-def _reason_of(future: Future) -> str:
+def _reason_of(future: Future, *called: object) -> str:
+    """Return in one line why a task has failed. called: the functions of another author that it calls."""
     error = future.exception() if future.status == "error" else None
-    return " ".join(f"{type(error).__name__}: {error}".split()) if error is not None else str(future.status)
+    if not isinstance(error, BaseException):
+        return str(future.status)
+    return raised(error.with_traceback(cast("TracebackType", future.traceback())), *called)

@@ -6,13 +6,14 @@ import shutil
 import sqlite3
 import sys
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from hal.base.files import locked, replacing
+from hal.extensions import blaming
 from rtstack.experiments.attempts import Attempt
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.experiments.registration import PLAN_DIGEST, file_digest
@@ -94,8 +95,7 @@ class Store(AbstractContextManager["Store"]):
             what = known[0].difference(mine)
             print(f"rtstack: warning: another version than the campaign was begun with: {what}", file=sys.stderr)
         with self._database as database:
-            rows = list(values.items())
-            database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
+            database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", values.items())
             if database.execute("SELECT 1 FROM results LIMIT 1").fetchone() is None:
                 noted = (PLAN_DIGEST, file_digest(experiment.request.file.path))
                 database.execute("INSERT OR REPLACE INTO campaign VALUES (?, ?)", noted)
@@ -109,8 +109,7 @@ class Store(AbstractContextManager["Store"]):
         """Keep how fast so many trials went."""
         if trials:
             with self._database as database:
-                values = (trials, robot_s, wall_s, workers)
-                database.execute("INSERT INTO invocations VALUES (?, ?, ?, ?)", values)
+                database.execute("INSERT INTO invocations VALUES (?, ?, ?, ?)", (trials, robot_s, wall_s, workers))
 
     def invocations(self) -> list[Row]:
         return [dict(row) for row in self._database.execute("SELECT * FROM invocations")]
@@ -133,13 +132,24 @@ class Store(AbstractContextManager["Store"]):
         """Return the versions that this campaign was run with, in order."""
         return [_version(value) for name, value in self.about().items() if name.partition(" ")[0] == VERSION]
 
-    def add(self, *rows: Row) -> None:
-        """Keep results, all of them or none. A second one of the same case replaces the first."""
+    def add(self, *rows: Row, made_by: Sequence[object] = ()) -> None:
+        """Keep results, all of them or none. A second one of the same case replaces the first.
+
+        Raises TrialError for a row of another author without a column, or with what none takes. made_by: see `raised`.
+        """
         names = self._columns
-        marks = ", ".join(f":{name}" for name in names)
-        with self._database as database:
-            values = [{name: row[name] for name in names} for row in rows]
-            database.executemany(f"INSERT OR REPLACE INTO results ({', '.join(names)}) VALUES ({marks})", values)
+        with blaming("a row cannot be kept", *made_by, error=TrialError):
+            if missing := [name for name in names if any(name not in row for row in rows)]:
+                raise TypeError(f"there is no {', no '.join(missing)}")
+            marks = ", ".join(f":{name}" for name in names)
+            with self._database as database:
+                values = [{name: row[name] for name in names} for row in rows]
+                try:
+                    database.executemany(
+                        f"INSERT OR REPLACE INTO results ({', '.join(names)}) VALUES ({marks})", values
+                    )
+                except sqlite3.ProgrammingError as error:
+                    raise TypeError(str(error)) from error
 
     def rows(self, cases: Iterable[Case] | None = None) -> list[Row]:
         """Return all results by id, or those of these cases in their order."""
@@ -180,6 +190,12 @@ def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
     about, columns = _read(database)
     mine = _identity(experiment)
     theirs = {name: about.get(name, value) for name, value in mine.items()}
+    same = about.get("name") == mine["name"] and VERSION in about
+    if same and (other := present().plug_ins.difference(_version(about[VERSION]).plug_ins)):
+        raise TrialError(
+            f"{out} was begun with the plug-in {other}: results would be mixed; install that one again, or begin anew "
+            "in another folder"
+        )
     if theirs != mine:
         quick = " --quick" * (theirs["quick"] == "true")
         what = f"{theirs['name']}{quick}"
@@ -190,12 +206,6 @@ def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
         raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")
-    version = _version(about[VERSION]) if VERSION in about else None
-    if version is not None and (other := present().plug_ins.difference(version.plug_ins)):
-        raise TrialError(
-            f"{out} was begun with the plug-in {other}: results would be mixed; install that one again, or begin anew "
-            "in another folder"
-        )
     if (begun := about.get("logs")) != logs:
         raise TrialError(f"this campaign keeps its logs {f'at {begun}: give --logs {begun}' if begun else f'in {out}'}")
 

@@ -48,6 +48,8 @@ def run_cases(
     _check(sources)
     began_s = time.perf_counter()
     rows = function(*arguments)
+    if not isinstance(rows, list):
+        raise TypeError(f"a task returned a {type(rows).__name__}, not a list of rows")
     wall_s = (time.perf_counter() - began_s) / max(1, len(rows))
     worker = f"{os.uname().nodename}:{os.getpid()}"
     origin = {"git_commit": git_commit(), "digest": digest, "wall_s": wall_s, "worker": worker}

@@ -27,6 +27,7 @@ from hal.base.realtime import beside_realtime
 from hal.base.shared import held, remove_left
 from hal.cell import Cell
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
+from hal.extensions import ExtensionError, culprit, raised
 from hal.state import ARM_STATE
 from rtstack.control.parameters import DetectorParameters
 from rtstack.live import protocol
@@ -280,15 +281,16 @@ class Robot:
         self._end = None
         try:
             result = self._jobs.run(order, log)
-        except (TrialError, LogError, *_NOT_PLACED) as error:
+        except (TrialError, LogError, ExtensionError, *_NOT_PLACED) as error:
             self._failed(order, str(error), log)
         except HardwareError as error:
             self._job_manager.authority.fault(str(error))
             self._failed(order, str(error), log)
         except Exception as error:  # a defect of ours ends the job, not the stack: the arms are stopped by then
             traceback.print_exc()
-            self._job_manager.authority.fault(f"internal error: {error}")
-            self._failed(order, f"internal error, see the terminal: {error}", log)
+            reason = raised(error) if culprit(error) else f"internal error, see the terminal: {error}"
+            self._job_manager.authority.fault(reason)
+            self._failed(order, reason, log)
         else:
             reason = result.failure_reason
             state = protocol.JobState.STOPPED if self._end is End.STOP_REQUESTED else protocol.JobState.DONE

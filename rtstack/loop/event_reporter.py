@@ -6,6 +6,7 @@ from rtstack.control.controller import Controller
 from rtstack.loop.fault import FaultNotes
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.timeline import Timeline
+from rtstack.loop.watchdogs import slow_tick
 from rtstack.samples import SIDES, Level, Mode
 
 MOST_PAUSES = 20
@@ -49,6 +50,12 @@ class EventReporter:
         if machine.mode is not self._mode:
             self._say(Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}")
             self._mode = machine.mode
+
+    def rest(self) -> None:
+        """Say that the arms have stopped, and whether the run's ticks took too long. Not for the tick."""
+        self.mode()
+        if slow := slow_tick(self._publisher.median_compute_us):
+            self._say(Level.WARNING, "loop", slow)
 
     def let_speak(self, speaker: str) -> None:
         """Have the end told that was just noted, in this name; "" where the plan has come to its own end."""

@@ -1,5 +1,7 @@
 """What ended a session, as evidence: put together after the last tick from what the ticks only noted."""
 
+import os
+import sys
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.control.controller import ObservedArm
+from hal.extensions import blame, defined_at
+from rtstack.control.controller import Controller, ObservedArm
 from rtstack.control.records import WORKSPACE
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import WatchdogTrip
+from rtstack.safety.judge import Cause, SafetyJudge
 from rtstack.samples import SIDES, QpStatus
 
 
@@ -78,7 +82,25 @@ class FaultNotes:
         if not self.trip.end.is_fault:
             return None
         text = "".join(traceback.format_exception(self.error)) if self.error is not None else ""
+        if text and os.environ.get("RTSTACK_TRACEBACK"):
+            print(text, file=sys.stderr)
         qp = None
         if self.qp_side >= 0:
             qp = FailedQp(self._sides[self.qp_side], self._qp_status, self._qp_iterations, self._problem)
         return Fault(self.trip, self.t_ns, self.reaction_ticks, text, qp)
+
+
+def plug_ins_of(controller: Controller) -> tuple[object, ...]:
+    """Return the functions of a controller that a tick calls, and that another author may have written."""
+    laws = getattr(controller, "laws", None) or ()
+    return (*(getattr(law, "command", law) for law in laws), controller.machine.update, controller.command)
+
+
+def explained(judge: SafetyJudge, sample: NDArray[np.void], called: Sequence[object]) -> str:
+    """Return in one line why a judge stops its arm; of a torque that is not finite, which one, and whose it is."""
+    torque = sample["tau_desired"][0]
+    if judge.reason is not Cause.NOT_FINITE or np.isfinite(torque).all():
+        return judge.explanation
+    joint = int(np.argmin(np.isfinite(torque)))
+    where = blame(defined_at(*called))
+    return f"joint {joint + 1}: the desired torque is {torque[joint]} {where}".rstrip()

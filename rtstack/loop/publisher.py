@@ -122,6 +122,12 @@ class Publisher:
         for stream in self._streams:
             stream.publish()
 
+    @property
+    def median_compute_us(self) -> float:
+        """Median of what the ticks have taken so far, us; 0 where none are kept. Not for the tick."""
+        took = () if self._history is None else self._history.columns().timing["compute_us"]
+        return float(np.median(took)) if len(took) else 0.0
+
     def cycle(self, side: int, cycle: NDArray[np.void], work: NDArray[np.void] | None) -> None:
         """Publish a cycle of an arm, (1,) of CYCLE, and what the host did, (1,) of WORK, where that was read."""
         for take in self._cycles[side]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hal.cell import LEFT, RIGHT, Cell
 from hal.compilation import compiled
 from hal.errors import HardwareError
-from hal.extensions import PLUG_INS_RAISE, raised
+from hal.extensions import PLUG_INS_RAISE, blaming, raised
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
 from rtstack.control.controller import Controller
@@ -24,7 +24,7 @@ from rtstack.control.records import WORKSPACE
 from rtstack.loop.command_echo import CommandEcho
 from rtstack.loop.end import End
 from rtstack.loop.event_reporter import EventReporter
-from rtstack.loop.fault import Fault, FaultNotes
+from rtstack.loop.fault import Fault, FaultNotes, explained, plug_ins_of
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.plan import SessionPlan
 from rtstack.loop.publisher import CycleReporter, Publisher
@@ -131,7 +131,9 @@ class Session:
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
         # views of single fields: what is looked up once costs a tick nothing
         self._stopping = tuple(judge.memory["stopping"].data for judge in judges)
-        controller.follow(plan.ante, plan.post, plan.stiffness)
+        self._plug_ins = plug_ins_of(controller)
+        with blaming("the controller does not take the reference", *self._plug_ins):
+            controller.follow(plan.ante, plan.post, plan.stiffness)
         for judge, (sample, _), residual in zip(judges, self._records, self._residuals, strict=True):
             judge.bind(sample, residual)
         self._last_index = plan.ticks
@@ -176,7 +178,7 @@ class Session:
                 gc.enable()
         self._reporter.end()
         self._machine.rest()
-        self._reporter.mode()
+        self._reporter.rest()
         if self._own_clocks:
             self._reporter.link(sum(echo.lost for echo in self._echoes))
         trip = self._notes.trip
@@ -256,7 +258,7 @@ class Session:
             try:
                 return self._control(sides)
             except PLUG_INS_RAISE as error:
-                self._go_on_alone(error)
+                self._go_on_alone(error, *self._plug_ins)
         for k in sides:
             sample, control = self._records[k]
             self._echoes[k].desire_nothing_new()
@@ -279,6 +281,8 @@ class Session:
                 source.step(k, arm)
             elapsed_ns = elapsed[k]
             found = controller.command(k, elapsed_ns, elapsed_ns // TICK_NS)
+            if found is None:
+                raise TypeError("command returned None, not a QpStatus")
             if found > status:
                 status = found
                 if found > _SOLVED:
@@ -296,14 +300,14 @@ class Session:
             self._publisher.look(self._cell.tracker, *times_ns)
         except PLUG_INS_RAISE as error:
             self._blind = True
-            self._go_on_alone(error)
+            self._go_on_alone(error, self._cell.tracker.latest)
 
-    def _go_on_alone(self, error: BaseException) -> None:
+    def _go_on_alone(self, error: BaseException, *called: object) -> None:
         """Stop without the controller: it has raised, or what is called beside it has."""
         if self._notes.error is None:
             self._notes.error = error
         self._alone = True
-        self._end(WatchdogTrip(End.CONTROLLER_EXCEPTION, raised(error)), "controller")
+        self._end(WatchdogTrip(End.CONTROLLER_EXCEPTION, raised(error, *called)), "controller")
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once all arms were served; where one was served twice, with the other one's last tick."""
@@ -381,7 +385,7 @@ class Session:
             else:
                 value, bound = float(judge.memory["value"][0]), float(judge.memory["bound"][0])
                 side = self._sides[k]
-                detail = f"{side}: {judge.explanation}"
+                detail = f"{side}: {explained(judge, self._records[k][0], self._plug_ins)}"
                 trip = WatchdogTrip(End.SAFETY, detail, value=value, bound=bound, side=side, joint=judge.joint)
             self._end(trip, "safety")
         if all(stopping) and self._notes.reaction_ticks is None and self._notes.trip.end.is_fault:

@@ -3,7 +3,6 @@
 A policy acts under a lease of its own, which the operator who has control gives and whose clutch takes it back.
 """
 
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
@@ -12,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from hal.desk.state import plain
-from hal.extensions import ExtensionPoint
+from hal.extensions import ExtensionPoint, blame, defined_at
 from rtstack.cameras.newest import Picture
 from rtstack.loop.mailbox import CHUNK, CHUNK_POSES
 from rtstack.model.arm_model import ArmModel
@@ -69,7 +67,7 @@ class Chunk:
         if values.ndim != 3 or values.shape[1:] != (arms, 7) or not 1 <= len(values) <= CHUNK_POSES:
             return f"a chunk is (n, {arms}, 7) with n from 1 to {CHUNK_POSES}, not {values.shape}"
         if not np.isfinite(values).all():
-            return "a number of the chunk is none"
+            return "a number of the chunk is not finite"
         if self.poses is not None and (np.abs(np.linalg.norm(values[..., 3:], axis=-1) - 1.0) > UNIT_TOLERANCE).any():
             return "a quaternion of the chunk is not of length one"
         if not 1e-3 <= self.step_s <= LONGEST_STEP_S:
@@ -107,10 +105,15 @@ class Policy(Protocol):
 POLICIES = ExtensionPoint[Callable[[str], Policy]]("rtstack.policies", "policy", cast(Any, Callable), ours=False)
 
 
-def own_words(error: Exception) -> str:
-    """Return in one line what the code of another author raised, and where."""
-    at = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{plain(f'{type(error).__name__}: {error}', 300)} ({at.filename}:{at.lineno})"
+def answer_of(policy: Policy, observation: Observation, arms: int) -> tuple[Chunk | None, str]:
+    """Return what a policy answers, None for nothing, and in one line why it cannot be followed, "" where it can. arms:
+    how many the cell has. Raises what the policy raises.
+    """
+    chunk = policy.act(observation)
+    if chunk is not None and not isinstance(chunk, Chunk):
+        raise TypeError(f"act returned a {type(chunk).__name__}, not a Chunk")
+    problem = None if chunk is None or chunk.finished else chunk.problem(arms)
+    return chunk, "" if problem is None else " ".join((problem, blame(defined_at(policy.act))))
 
 
 def pad_pose(model: ArmModel, q: Array) -> Array:

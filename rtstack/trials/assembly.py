@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.extensions import PLUG_INS_RAISE, raised
+from hal.extensions import blaming, defined_at, require
 from rtstack.control.controller import ArmLaw, Controller
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import (
@@ -20,13 +20,14 @@ from rtstack.control.reaction import ReactionMotion
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, CellController
 from rtstack.control.watch import TrialMonitor
+from rtstack.loop.fault import plug_ins_of
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
 from rtstack.safety.judge import SafetyJudge, judges_of
 from rtstack.safety.limits import PairLimits
-from rtstack.samples import LawInertia, Mode, QpSolver, Reaction
+from rtstack.samples import LawInertia, Mode, QpSolver, QpStatus, Reaction
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import load_friction
 from rtstack.trials.tightening import limits_of_arms
@@ -147,43 +148,59 @@ def cell_controller(
 ) -> Controller:  # fmt: skip
     """Return a new controller whose code has already run once in this process, on a controller that is discarded."""
 
-    def controller(impact_s: float) -> Controller:
-        arms = arm_controllers(cell, parameters, limits)
-        try:
-            return factory(ControllerRequest(cell, parameters, arms, impact_s, watched))
-        except TrialError:
-            raise
-        except PLUG_INS_RAISE as error:
-            raise TrialError(f"the controller cannot be made: {raised(error)}") from error
+    def controller() -> Controller:
+        request = ControllerRequest(
+            cell, parameters, arm_controllers(cell, parameters, limits), nominal_impact_s, watched
+        )
+        with blaming("the controller cannot be made", factory, error=TrialError):
+            made = factory(request)
+            require(made, "follow", "observe", "decide", "command", "finish")
+            laws = getattr(made, "laws", None) or ()
+            if laws and len(laws) != len(cell.arms):
+                raise TypeError(f"it has {len(laws)} laws for {len(cell.arms)} arms")
+            for law in laws:
+                require(law, "follow", "observe", "command")
+        return made
 
-    made = controller(nominal_impact_s)
-    ours = isinstance(made, CellController) and made.laws is None
+    made = controller()
+    ours = isinstance(made, CellController) and made.laws is None and not defined_at(factory)
     code = (None if ours else factory, watched is None, len(made.arms))
     if code not in _WARM:
-        _warm_up(controller(0.0), cell)
+        with blaming(
+            "the controller fails in its first tick, before any arm moves", *plug_ins_of(made), error=TrialError
+        ):
+            _warm_up(controller(), cell)
         _WARM.add(code)
     return made
 
 
 def _warm_up(controller: Controller, cell: CellDescription) -> None:
+    """Call a controller once as a session does in its first tick, at home, and compile what only later ticks need."""
     points = np.zeros((len(cell.arms), 1), POINT)
     judges = safety_judges(cell)
     for side, (arm, mounting) in enumerate(zip(controller.arms, cell.arms, strict=True)):
         arm.sample["q"][0] = mounting.home
-        controller.observe(side, 0)
-        points["position"][side] = arm.workspace["position"][0]
-        points["rotation"][side] = arm.workspace["rotation"][0]
+        model, state = arm.model, arm.sample[0]
+        model.update(state["q"], state["dq"])
+        points["position"][side] = model.p7 + model.R7 @ model.face
+        points["rotation"][side] = model.R7 @ model.R_joint_ee
     controller.follow(points, points, controller.arms[0].parameters.stiffness)
-    controller.machine.mode = Mode.ANTE_IMPACT
-    for side, (arm, judge) in enumerate(zip(controller.arms, judges, strict=True)):
-        controller.command(side, 0, 0)
+    controller.machine.begin(Mode.ANTE_IMPACT)
+    for side, arm in enumerate(controller.arms):
+        controller.observe(side, 0)
+        if not isinstance(arm.impact, bool | np.bool_):
+            raise TypeError(f"observe set impact to {arm.impact!r}, not to True or False")
+    controller.decide(0.0)
+    for side in range(len(cell.arms)):
+        if (status := controller.command(side, 0, 0)) not in tuple(QpStatus):
+            raise TypeError(f"command returned {status!r}, not a QpStatus")
+    controller.finish()
+    for arm, judge in zip(controller.arms, judges, strict=True):
         if isinstance(arm, ArmController):
             # The solver's first call allocates: force it now, by limits that cannot hold.
             arm.limits["tau_J_max"] = 1e-3
             arm.command(Mode.ANTE_IMPACT)
             arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3)), np.zeros((2, 3))), 0, 0.0)
         judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
-    controller.decide(0.0)
-    controller.finish()
     if isinstance(controller, CellController):
         controller.contact_complete(0.0)

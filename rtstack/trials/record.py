@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -103,10 +104,14 @@ class TrialLog(RunLog):
         self._trouble, self._raised, self._hangs, self._gone = "", "", False, False
         self._process = process
         self._lockstep = lockstep
+        self._history: History | None = None
 
     @property
     def listening(self) -> tuple[Rings, ...]:
         return (self.rings,)
+
+    def take_from(self, history: History) -> None:
+        self._history = history
 
     def wait_ready(self) -> None:
         self._process.wait_ready()
@@ -156,12 +161,16 @@ class TrialLog(RunLog):
         return None
 
     def abandon(self) -> None:
-        """Finish the file without a result, when something worse has happened. Never raises, may be called twice."""
+        """Finish the file without a result, when something worse has happened; remove it where no tick was run. Never
+        raises, may be called twice."""
         if self._gone:
             return
         if self.cameras is not None:
             self.cameras.finish()
         self._process.abandon()
+        if self.evidence is None and (self._history is None or not self._history.ticks):
+            with suppress(OSError):  # no arm has moved: a file would only refuse the same command again
+                self.path.unlink()
         self._let_go()
 
     def _let_go(self) -> None:

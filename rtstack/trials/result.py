@@ -4,6 +4,8 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from rtstack.loop.watchdogs import slow_tick
+
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -25,12 +27,13 @@ class Result:
 class TrialResult(Result):
     """What came out of a trial. Times in s since the start of the trial, forces in N, None where nothing happened.
     average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
-    alone. peak_torque_ratio and peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the
-    object was held until release and no safety limit was hit; without a tracker (object_observed is false) that is told
-    from the pads. impact_verdict is expected, unexpected or none (not known before the trial ended), None where no
-    monitor judged; impact_reason is the first condition that was not met and impact_kind what it probably was;
-    impact_margin is 1 where all was as meant and negative beyond a bound. real_time_factor: robot's seconds over the
-    host's, from the first tick to the last, logging included."""
+    alone; they and peak_force_norm are None where a controller has written no wrench_desired. peak_torque_ratio and
+    peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the object was held until release
+    and no safety limit was hit; without a tracker (object_observed is false) that is told from the pads. impact_verdict
+    is expected, unexpected or none (not known before the trial ended), None where no monitor judged; impact_reason is
+    the first condition that was not met and impact_kind what it probably was; impact_margin is 1 where all was as meant
+    and negative beyond a bound. real_time_factor: robot's seconds over the host's, from the first tick to the last,
+    logging included."""
 
     controller: str
     object: str
@@ -60,6 +63,15 @@ class TrialResult(Result):
     displacement_x_mm: float = 0.0
     yaw_deg: float = 0.0
     object_observed: bool = True
+
+    @property
+    def warning(self) -> str:
+        """In one line that its ticks were too slow for arms at 1 kHz, "" where they were not."""
+        return slow_tick(self.compute_us_p50)
+
+    def as_dict(self) -> dict[str, Any]:
+        """See Result; with `warning` where there is one."""
+        return asdict(self) | ({"warning": self.warning} if self.warning else {})
 
 
 @dataclass(frozen=True, slots=True)

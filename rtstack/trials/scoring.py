@@ -86,6 +86,7 @@ def score(
     wrench = columns.control["wrench_desired"]  # (2, n, 6)
     moving = columns.control[0]["mode"] != Mode.STOPPING
     window = (np.abs(t_s - nominal_impact_s) <= FORCE_WINDOW_S + 1e-9) & moving
+    written = bool(wrench[:, moving].any())  # else the law of another author has left it out, and there is no norm
     norm = np.linalg.norm(wrench, axis=(0, 2))
     linear = np.linalg.norm(wrench[:, :, :3], axis=(0, 2))
     compute = columns.timing["compute_us"]
@@ -102,9 +103,9 @@ def score(
         seen=seen,
         by_pads=by_pads,
         held=held,
-        average_force_norm=_mean(norm[window]),
-        average_force_norm_linear_n=_mean(linear[window]),
-        peak_force_norm=float(norm.max()) if len(norm) else None,
+        average_force_norm=_mean(norm[window]) if written else None,
+        average_force_norm_linear_n=_mean(linear[window]) if written else None,
+        peak_force_norm=float(norm.max()) if written else None,
         max_lift_mm=float(_lift(columns.object).max()) * 1e3 if seen else None,
         peak_torque_ratio=float(np.max(np.abs(columns.arm["tau_J"]) / ratings[:, :1], initial=0.0)),
         peak_velocity_ratio=float(np.max(np.abs(columns.arm["dq"]) / ratings[:, 1:], initial=0.0)),

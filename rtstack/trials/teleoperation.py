@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hal.cell import Cell
 from hal.displacement import Displacement
+from hal.extensions import PLUG_INS_RAISE, raised
 from hal.tracker import ObjectTracker
 from rtstack.cameras.newest import NewestPictures
 from rtstack.cameras.start import Cameras
@@ -29,7 +30,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Level
-from rtstack.teleoperation.policy import Observation, Policy, own_words
+from rtstack.teleoperation.policy import Observation, Policy, answer_of
 from rtstack.teleoperation.reach import FASTEST_M_S, STIFFNESS_N_M, Reach
 from rtstack.teleoperation.source import TeleoperationSource
 from rtstack.trials.assembly import cell_parameters
@@ -102,18 +103,18 @@ class PolicyHost:
     def _ask(self, tick: int) -> None:
         observation = self._observation()
         try:
-            answer = self._policy.act(observation)
-        except Exception as error:  # whatever the code of another author raises
+            answer, problem = answer_of(self._policy, observation, len(self._models))
+        except PLUG_INS_RAISE as error:
             self._dead = True
-            self._tell(Level.ERROR, f"the policy has ended: {own_words(error)}")
+            self._tell(Level.ERROR, f"the policy has ended: {raised(error, self._policy.act)}")
             return
         self.problem, chunk = "", None
         if answer is None:
             return
+        if problem:
+            self._tell(Level.WARNING, f"answers are not followed: {problem}")
+            return
         if not answer.finished:
-            if (problem := answer.problem(len(self._models))) is not None:
-                self._tell(Level.WARNING, f"answers are not followed: {problem}")
-                return
             chunk = answer.record(self._models, self._posture_joint)
             chunk["job"], chunk["lease"], chunk["observed_ns"] = self._job, self._source.lead.lease, observation.t_ns
         self._waiting.append((tick + self._delay, chunk))

@@ -180,7 +180,7 @@ def test_an_exception_of_the_controller_stops_without_it(stage, method):
 
     played = stage.play(_at(spoil))
     seen = played.stops(
-        r"^an exception in the control loop: ZeroDivisionError: a defect \(\w+, test_watchdogs\.py:\d+\)$"
+        r"^an exception in the control loop: ZeroDivisionError: a defect \(test_watchdogs\.py:\d+\); mend it there$"
     )
     assert seen == AT + (method in ("observe", "decide"))
     assert calls == [method]  # never asked again
@@ -212,7 +212,7 @@ def test_a_torque_that_is_no_number_stops(stage):
 
         stage.controller.arms[0].law.command = broken
 
-    assert stage.play(_at(spoil)).stops("^safety stop: left: a value of the state or the desired torque is not") == AT
+    assert stage.play(_at(spoil)).stops("^safety stop: left: joint 4: the desired torque is nan$") == AT
 
 
 class WrappedArm:
@@ -314,7 +314,7 @@ def test_an_exception_between_two_ticks_stops_too(stage):
             raise BrokenPipeError("nobody reads any more")
 
     stage.play(progress=progress).stops(
-        r"^an exception in the control loop: BrokenPipeError: nobody reads any more \(\w+, test_watchdogs\.py:\d+\)$"
+        r"^an exception in the control loop: BrokenPipeError: nobody reads any more \(test_watchdogs\.py:\d+\); mend it there$"
     )
 
 

@@ -55,6 +55,6 @@ def test_it_ends_the_run_with_its_place(cell, demonstration, kind, what, error) 
     opened.close()
     assert not result.success
     assert result.failure_reason.startswith(f"{End.CONTROLLER_EXCEPTION}: {type(error).__name__}: ")
-    assert re.search(r"\(\w+, test_plug_ins_that_raise\.py:\d+\)$", result.failure_reason)
+    assert re.search(r"\(test_plug_ins_that_raise\.py:\d+\); mend it there$", result.failure_reason)
     assert "\n" not in result.failure_reason
     assert broken.calls <= AFTER + 2  # not asked again
