@@ -143,9 +143,13 @@ class Panels:
 
 def _answer(panel: Panel, view: PanelView) -> str:
     with within(_LIMIT_S):
-        text = json.dumps({"data": panel.data(view)}, allow_nan=False)
+        data = panel.data(view)
+        try:
+            text = json.dumps({"data": data}, allow_nan=False)
+        except ValueError as error:
+            raise TypeError(f"data: {error}") from None
     if len(text) > _MOST_BYTES:
-        raise ValueError(f"data: {len(text) >> 10} KiB are too many, at most {_MOST_BYTES >> 10}")
+        raise TypeError(f"data: {len(text) >> 10} KiB are too many, at most {_MOST_BYTES >> 10}")
     return text
 
 

@@ -10,12 +10,14 @@ import shutil
 import subprocess
 import tempfile
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
 
 from console.child_process import end, start, why_ended
-from console.review.columns import Index, LogColumns, read_index
+from console.review.columns import INDEX, Index, LogColumns, read_index
+from rtstack.log.analysis.offered import installed
 from rtstack.log_folder.catalogue import LogEntry
 
 FOLDER = ".review"
@@ -63,13 +65,14 @@ class ReviewCache:
         with self._lock:
             self._finish()
             begun = folder in self._readers or _being_read(folder)  # before the index: a reader may end meanwhile
-            if (index := read_index(folder)) is not None and index.done:
+            if (index := read_index(folder)) is not None and index.done and _current(index, folder):
                 os.utime(folder)
                 self._done[entry.id] = entry, LogColumns(folder, index)
                 while len(self._done) > _REMEMBERED:
                     del self._done[next(iter(self._done))]
             elif not begun and sum(process.poll() is None for process in self._readers.values()) < _AT_ONCE:
                 self._make_room()
+                self._done.pop(entry.id, None)
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir()
                 process = self._readers[folder] = start("console.review.conversion", str(entry.path), str(folder))
@@ -114,7 +117,9 @@ class ReviewCache:
             del self._readers[folder]
             index = read_index(folder)
             if folder.is_dir() and (index is None or not index.done):
-                Index(0, 0.0, {}, done=True, error=why_ended(process.returncode)).write(folder)
+                failed = Index(0, 0.0, {}, error=why_ended(process.returncode))
+                whole = index if index is not None and index.analyses else failed  # all was read before an analysis
+                replace(whole, done=True).write(folder)
 
     def _make_room(self) -> None:
         folders = [path for path in self._directory.iterdir() if path.is_dir() and not _being_read(path)]
@@ -125,6 +130,18 @@ class ReviewCache:
                 return
             shutil.rmtree(folder, ignore_errors=True)
             total -= sizes[folder]
+
+
+def _current(index: Index, folder: Path) -> bool:
+    """Whether an index has what the analyses say that are installed now, and whose files have not changed since."""
+    if index.error is not None:
+        return True
+    written_s = (folder / INDEX).stat().st_mtime
+    try:
+        changed = any(Path(file).stat().st_mtime > written_s for file in index.sources)
+    except OSError:
+        return False
+    return not changed and [(one.name, one.package) for one in index.analyses] == installed()
 
 
 def _being_read(folder: Path) -> bool:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from console.refused import Refused
 from hal.base.files import write_whole
-from rtstack.log.analysis.signals import column_block, topic_signals
+from rtstack.log.analysis.offered import Analysed
+from rtstack.log.analysis.signals import Signal, column_block, signals, topic_signals
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS
 
@@ -42,7 +43,8 @@ class Index:
     """What is known of a log so far. rows: samples of each topic that can be read; share: of the file, 0 to 1.
 
     modes: (from, to, mode) of each arm by its side, s since the start; error: why reading ended early. Nothing is in it
-    of an arm that the log does not have.
+    of an arm that the log does not have. analyses: what those of installed packages say; sources: the files that they
+    were loaded from.
     """
 
     start_ns: int
@@ -53,7 +55,14 @@ class Index:
     error: str | None = None
     events: list[Mark] = field(default_factory=list)
     modes: dict[str, list[tuple[float, float, str]]] = field(default_factory=dict)
+    analyses: list[Analysed] = field(default_factory=list)
+    sources: list[str] = field(default_factory=list)
     version: int = VERSION
+
+    @property
+    def signals(self) -> dict[str, Signal]:
+        """All signals by name, those of the analyses, too."""
+        return signals() | {signal.name: signal for one in self.analyses for signal in one.signals}
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -81,9 +90,10 @@ def _file(folder: Path, topic: str, what: str) -> Path:
 class ColumnWriter:
     """Writes the columns of one topic, batch by batch, into files made for `capacity` samples."""
 
-    def __init__(self, folder: Path, topic: str, capacity: int) -> None:
+    def __init__(self, folder: Path, topic: str, capacity: int, count: int = 0) -> None:
+        """count: of the topic's signals, 0 for a topic of the table."""
         self._topic, self._capacity, self._buckets = topic, capacity, -(-capacity // BUCKET)
-        count = len(topic_signals(topic))
+        count = count or len(topic_signals(topic))
         self._time = _created(_file(folder, topic, "t_ns"), np.dtype(np.int64), (capacity,))
         self._values, self._low, self._high = (
             _created(_file(folder, topic, name), np.dtype(np.float32), (count, width))
@@ -94,10 +104,13 @@ class ColumnWriter:
         self.rows = 0
 
     def append(self, records: NDArray) -> None:
-        """Write records, (n,). Times that go back are held."""
+        """Write records, (n,)."""
         records = records[: self._capacity - self.rows]
-        block = column_block(self._topic, records)
-        t_ns = np.maximum(np.maximum.accumulate(records["t_ns"]), self._newest_ns)
+        self.put(records["t_ns"], column_block(self._topic, records))
+
+    def put(self, t_ns: NDArray[np.int64], block: NDArray[np.float32]) -> None:
+        """Write the values of all signals, (signals, n), at their times, (n,). Times that go back are held."""
+        t_ns = np.maximum(np.maximum.accumulate(t_ns), self._newest_ns)
         if not len(t_ns):
             return
         self._newest_ns = int(t_ns[-1])
@@ -132,8 +145,8 @@ def _put(target: tuple[BinaryIO, int], block: NDArray, column: int, width: int) 
         os.pwrite(file.fileno(), values.data, data + values.itemsize * (row * width + column))
 
 
-@lru_cache(maxsize=256)  # a folder's files keep their shape; parsing it takes longer than reading a curve
-def _header(path: Path) -> tuple[tuple[int, ...], np.dtype, int]:
+@lru_cache(maxsize=256)  # a file of one size keeps its shape; parsing it takes longer than reading a curve
+def _header(path: Path, _size: int) -> tuple[tuple[int, ...], np.dtype, int]:
     with open(path, "rb") as file:
         np.lib.format.read_magic(file)
         shape, _, dtype = np.lib.format.read_array_header_2_0(file)
@@ -142,7 +155,7 @@ def _header(path: Path) -> tuple[tuple[int, ...], np.dtype, int]:
 
 def _mapped(path: Path) -> NDArray[Any]:
     """Return an .npy file's array, as numpy.load maps it, in a tenth of the time. Raises FileNotFoundError."""
-    shape, dtype, data = _header(path)
+    shape, dtype, data = _header(path, path.stat().st_size)
     with open(path, "rb") as file:
         return np.ndarray(shape, dtype, mmap(file.fileno(), 0, access=ACCESS_READ), data)
 

@@ -6,6 +6,7 @@ The index in the folder grows with every batch, so that a page shows the beginni
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,9 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from console.child_process import MEMORY_GB, stand_back
+from console.child_process import MEMORY_GB, stand_back, within
 from console.review.columns import ColumnWriter, Index, Mark
+from hal.extensions import package_of
 from rtstack.log.analysis.derived import DERIVED_TOPICS, DerivedBatches
+from rtstack.log.analysis.offered import Analysed, analyse, installed
 from rtstack.log.analysis.signals import CURVES
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
@@ -24,6 +27,7 @@ from rtstack.samples import SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
 _NS = 1e-9
+_ANALYSIS_S = 60.0  # for one analysis of one log: it is then given up
 _MODES, _LEVELS = ({int(member): member.name for member in kind} for kind in (Mode, Level))
 
 
@@ -83,9 +87,28 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = lambda: None) ->
     finally:
         for writer in writers.values():
             writer.close()
-    index = replace(index, rows=_rows(topics, writers), share=1.0, done=True)
+    index = replace(index, rows=_rows(topics, writers), share=1.0)
+    for name, package in installed():
+        died = Analysed(name, package, error=f"analysis {name!r} of {package}: it has ended the process that it ran in")
+        replace(index, analyses=[*index.analyses, died]).write(folder)  # what stands there if it does
+        index = _with_analysis(index, log, name, folder)
+    files = (getattr(module, "__file__", None) for name, module in list(sys.modules.items()) if package_of(name))
+    index = replace(index, sources=[*filter(None, files)], done=True)
     index.write(folder)
     return index
+
+
+def _with_analysis(index: Index, log: Log, name: str, folder: Path) -> Index:
+    """Return an index with what one analysis says of the log; write its curves."""
+    with within(_ANALYSIS_S):
+        found, curves = analyse(log, name)
+    rows = dict(index.rows)
+    for signal, curve in zip(found.signals, curves, strict=True):
+        rows[signal.topic] = len(curve.t_ns)
+        if len(curve.t_ns):
+            with closing(ColumnWriter(folder, signal.topic, len(curve.t_ns), count=1)) as writer:
+                writer.put(curve.t_ns.astype(np.int64), curve.values[None].astype(np.float32))
+    return replace(index, rows=rows, analyses=[*index.analyses, found])
 
 
 def _rows(topics: Sequence[str], writers: dict[str, ColumnWriter]) -> dict[str, int]:

@@ -13,7 +13,7 @@ from console.review.series import Curves, Window, curves, difference_curves
 from rtstack.figures.log_data import arm_of
 from rtstack.figures.log_figure import MOST_LOGS, FigureLog, Span, Trace, draw
 from rtstack.figures.style import save
-from rtstack.log.analysis.signals import Signal, signals
+from rtstack.log.analysis.signals import Signal
 from rtstack.samples import Mode
 
 MEDIA_TYPES = {"pdf": "application/pdf", "svg": "image/svg+xml", "png": "image/png"}
@@ -50,14 +50,14 @@ def drawn_logs(
     name = own.entry.path.stem
     found = []
     if not difference:
-        found.append(FigureLog(name, _traces(curves(own, wanted, window)), spans, impacts))
+        found.append(FigureLog(name, _traces(curves(own, wanted, window), wanted), spans, impacts))
     for other, offset_s in overlays:
         title, moved = other.entry.path.stem, Window(start_s - offset_s, end_s - offset_s, _POINTS)
         if difference:
-            made = _traces(difference_curves(own, other, wanted, window, offset_s))
+            made = _traces(difference_curves(own, other, wanted, window, offset_s), wanted)
             found.append(FigureLog(f"{title} - {name}", made, spans, impacts))
         else:
-            found.append(FigureLog(title, _traces(curves(other, wanted, moved)), offset_s=offset_s))
+            found.append(FigureLog(title, _traces(curves(other, wanted, moved), wanted), offset_s=offset_s))
     return found
 
 
@@ -69,9 +69,10 @@ def figure_file(logs: Sequence[FigureLog], start_s: float, end_s: float, title: 
     return target.getvalue()
 
 
-def _traces(found: Sequence[Curves]) -> tuple[Trace, ...]:
+def _traces(found: Sequence[Curves], wanted: Sequence[Signal]) -> tuple[Trace, ...]:
     """Return curves as lines: of a bucket its smallest and its largest value."""
-    known, traces = signals(), []
+    known: dict[str, Signal] = {signal.name: signal for signal in wanted}
+    traces = []
     for part in found:
         t_s = part.t_s if part.bucket == 1 else np.repeat(part.t_s, 2)
         for row, name in enumerate(part.names):

@@ -77,9 +77,9 @@ def _readable(entry: LogEntry, columns: LogColumns | None) -> ReadLog | None:
     return ReadLog(columns.folder, columns.index, entry)
 
 
-def wanted_signals(names: str) -> list[Signal]:
-    """Return the signals of a list of names, separated by commas. Raises Refused for one that there is not."""
-    known = signals()
+def wanted_signals(names: str, *logs: LogColumns) -> list[Signal]:
+    """Return the signals of a list of names, separated by commas. Raises Refused for one that no log has."""
+    known = signals() | {name: signal for log in logs for name, signal in log.index.signals.items()}
     wanted = [name for name in dict.fromkeys(names.split(",")) if name]
     for name in wanted:
         if name not in known:

@@ -15,6 +15,7 @@ from console.review.series import Tabled, Window, csv_lines, curves, difference_
 from console.routes.problems import attachment, file_of, problems
 from rtstack.figures.log_data import with_references
 from rtstack.log.analysis.lateness import lateness_of
+from rtstack.log.analysis.offered import Analysed
 from rtstack.log.analysis.signals import Signal, signals
 from rtstack.log.reader import Log, read_log
 from rtstack.log.time_of_day import time_of_day
@@ -50,7 +51,7 @@ class LogReview:
     """A log as far as it has been read. trial and result: its metadata; topics: samples of each.
 
     share: how much of it, 0 to 1; start_ns: of its first sample; recorded: when it began, UTC, ISO 8601;
-    modes: (from s, to s, mode) of each side.
+    modes: (from s, to s, mode) of each side; analyses: what those of installed packages say, once all has been read.
     Nothing is in it of an arm that the log does not have.
     """
 
@@ -66,6 +67,7 @@ class LogReview:
     topics: dict[str, int]
     modes: dict[str, list[tuple[float, float, str]]]
     events: list[Mark]
+    analyses: list[Analysed]
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +153,7 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
 @router.get("/{log_id}/events", responses=_OF_A_LOG)
 def events(log_id: str, parts: NeedsParts, level: LevelName = "DEBUG") -> list[Mark]:
     """Return a log's events of this severity or a higher one, in order of time."""
-    marks = _log(parts, log_id).index.events
-    return [mark for mark in marks if Level[mark.level] >= Level[level]]
+    return [mark for mark in _log(parts, log_id).index.events if Level[mark.level] >= Level[level]]
 
 
 @router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | file_of(_BYTES))
@@ -167,22 +168,20 @@ def series(
     then for each group its times (float64) and for each of its signals the values (float32), twice, smallest and
     largest, where a bucket has more than one sample. Header and arrays start at multiples of eight bytes.
     """
-    wanted = reviewed.wanted_signals(signals)
-    read = _log(parts, log_id)
+    read, *others = (_log(parts, one) for one in (log_id, other) if one)
+    wanted = reviewed.wanted_signals(signals, read, *others)
     if not start < end:
         raise HTTPException(422, "start: has to be before `end`")
     window = Window(start, end, width)
-    if other:
-        found = difference_curves(read, _log(parts, other), wanted, window, offset)
-    else:
-        found = curves(read, wanted, window)
+    found = difference_curves(read, others[0], wanted, window, offset) if others else curves(read, wanted, window)
     return Response(packed(found), media_type=_BYTES)
 
 
 @router.get("/{log_id}/values", responses=_OF_A_LOG)
 def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> ValuesAt:
     """Return the newest samples at a moment: values of signals, joints of the arms, the object's pose."""
-    found = moment(_log(parts, log_id), reviewed.wanted_signals(signals), t)
+    read = _log(parts, log_id)
+    found = moment(read, reviewed.wanted_signals(signals, read), t)
     q, place = (None if numbers is None else numbers.tolist() for numbers in (found.q, found.object))
     return ValuesAt(found.t_s, found.values, q, place)
 
@@ -193,11 +192,10 @@ def csv(
     offset: Seconds = 0.0,
 ) -> StreamingResponse:  # fmt: skip
     """Send every sample of the signals in a window as a table. other: a compared log, whose time is moved by offset."""
-    wanted = reviewed.wanted_signals(signals)
-    read = _log(parts, log_id)
+    read, *others = (_log(parts, one) for one in (log_id, other) if one)
+    wanted = reviewed.wanted_signals(signals, read, *others)
     tabled = [Tabled(read, time=time_of_day(read_log(read.entry.path, truncated=True)))]
-    if other:
-        tabled.append(Tabled(_log(parts, other), "other.", offset))
+    tabled += [Tabled(each, "other.", offset) for each in others]
     table = csv_lines(tabled, wanted, start, end)
     return StreamingResponse(table, media_type="text/csv", headers=attachment(f"{read.entry.path.stem}.csv"))
 
@@ -213,14 +211,14 @@ def figure(
 
     reference: with what the signals are to follow. offset: what is added to another log's time, s.
     """
-    if not (wanted := reviewed.wanted_signals(signals)):
+    read = _log(parts, log_id)
+    overlays = [(_log(parts, other), offset_s) for other, offset_s in overlays_of(others)]
+    if not (wanted := reviewed.wanted_signals(signals, read, *(other for other, _ in overlays))):
         raise HTTPException(422, "signals: name one at least")
     if not start < end:
         raise HTTPException(422, "start: has to be before `end`")
-    overlays = [(_log(parts, other), offset_s) for other, offset_s in overlays_of(others)]
     if difference and not overlays:
         raise HTTPException(422, "others: a difference needs another log")
-    read = _log(parts, log_id)
     drawn = drawn_logs(read, overlays, with_references(wanted) if reference else wanted, start, end, difference)
     drawing = figure_file(drawn, start, end, drawn[0].name if difference else read.entry.path.name, form)
     return Response(drawing, media_type=MEDIA_TYPES[form], headers=attachment(f"{read.entry.path.stem}.{form}"))

@@ -82,12 +82,13 @@ def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
     try:
         cursor = Cursor.model_validate_json(text)
         read = begun(parts.catalogue, parts.review_cache, log_id)
-        found = moment(read, wanted_signals(cursor.signals), cursor.t)
+        other = begun(parts.catalogue, parts.review_cache, cursor.other) if cursor.other else None
+        wanted = wanted_signals(cursor.signals, read, *filter(None, [other]))
+        found = moment(read, wanted, cursor.t)
         pose = _pose(found, read)
         ghost = there = None
-        if cursor.other:
-            other = begun(parts.catalogue, parts.review_cache, cursor.other)
-            there = moment(other, wanted_signals(cursor.signals), cursor.t - cursor.offset)
+        if other is not None:
+            there = moment(other, wanted, cursor.t - cursor.offset)
             ghost = _pose(there, other)
     except ValidationError as error:
         return {"error": str(error.errors()[0]["msg"])}

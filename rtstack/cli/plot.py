@@ -53,6 +53,7 @@ def plot(
     from rtstack.figures.log_data import figure_log, window, with_references
     from rtstack.figures.log_figure import MOST_LOGS, aligned, draw
     from rtstack.figures.style import save
+    from rtstack.log.analysis.offered import ANALYSES
     from rtstack.log.analysis.signals import DEFAULT, matching, signals
 
     known = {"html": html, "pdf": pdf, "png": png, "svg": svg, "webp": webp}
@@ -65,7 +66,9 @@ def plot(
     if len(paths) > MOST_LOGS:
         raise LogError(f"{len(paths)} logs are too many in one figure, at most {MOST_LOGS}")
     named = [word for word in words if Path(word) not in paths]
-    wanted = matching(named) if named else [signals()[name] for name in DEFAULT]
+    analyses = [word for word in named if word.partition(".")[0] in ANALYSES.names()]
+    recorded = [word for word in named if word not in analyses]
+    wanted = matching(recorded) if named else [signals()[name] for name in DEFAULT]
     if reference:
         wanted = with_references(wanted)
     target = _target(paths[0], kinds[0] if kinds else None, output)
@@ -73,7 +76,7 @@ def plot(
     with progress_bar("reading", True) as show:
         for number, path in enumerate(paths):
             show(number / len(paths))
-            logs.append(figure_log(path, wanted))
+            logs.append(figure_log(path, wanted, analyses))
     if align:
         logs = aligned(logs)
     first, last = window(logs[0], start, end, impact)

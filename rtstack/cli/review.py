@@ -2,7 +2,9 @@
 
 import json as json_module
 import sys
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +18,7 @@ from rtstack.cli.plot import settings
 from rtstack.log.errors import LogError
 
 if TYPE_CHECKING:
+    from rtstack.log.analysis.offered import Analysed
     from rtstack.log.reader import Log
     from rtstack.trials.review import Review
 
@@ -39,6 +42,7 @@ def review(
     ] = None,
 ) -> None:
     """Say what is in a log: result, events, impacts, recomputed from its samples, and a small picture of the forces."""
+    from rtstack.log.analysis.offered import analysed
     from rtstack.log.reader import read_log
     from rtstack.trials.review import review_log
 
@@ -49,10 +53,11 @@ def review(
         _review_in_rerun(log, rrd)
         return
     found = review_log(log)
+    analyses = [said for said, _ in analysed(read_log(log))]
     if json:
-        typer.echo(json_module.dumps(found.as_dict()))
+        typer.echo(json_module.dumps({**found.as_dict(), "analyses": [asdict(said) for said in analyses]}))
         return
-    typer.echo("\n".join(_lines(found)))
+    typer.echo("\n".join([*_lines(found), *_analysis_lines(analyses)]))
     pictured = picture(read_log(log))
     with suppress(UnicodeEncodeError):  # a terminal that has no letters for it
         "".join(pictured).encode(sys.stdout.encoding or "ascii")
@@ -130,6 +135,14 @@ def _when(found: "Review") -> str:
     words += ["the host's clock was not synchronised"] * (time.synchronised is False)
     words += [f"the host's clock was set by {time.set_s:+.3f} s during the run"] * (time.set_s != 0.0)
     return "; ".join(words)
+
+
+def _analysis_lines(analyses: "Sequence[Analysed]") -> Iterator[str]:
+    for said in analyses:
+        yield f"  {said.name} of {said.package}" if said.error is None else f"  {said.error}"
+        for number in said.numbers:
+            value = "-" if number.value is None else f"{number.value:.4g} {number.unit}".rstrip()
+            yield f"    {number.name:<20} {value}"
 
 
 def _lines(found: "Review") -> list[str]:

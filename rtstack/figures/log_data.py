@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rtstack.figures.log_figure import FigureLog, Trace
 from rtstack.log.analysis.derived import DERIVED_TOPICS, derived
 from rtstack.log.analysis.mode_spans import mode_spans
+from rtstack.log.analysis.offered import analyse
 from rtstack.log.analysis.signals import Signal, signals
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
@@ -20,15 +21,17 @@ _NS = 1e-9
 _AROUND_S = (0.2, 0.3)  # before and after the first impact: the papers' figures
 
 
-def figure_log(path: Path, wanted: Sequence[Signal]) -> FigureLog:
-    """Read a log; of the signals those of arms that it has. Raises LogError with one line."""
+def figure_log(path: Path, wanted: Sequence[Signal], analyses: Sequence[str] = ()) -> FigureLog:
+    """Read a log; of the signals those of arms that it has. analyses: ANALYSIS or ANALYSIS.CURVE of an installed
+    package. Raises LogError with one line.
+    """
     log = read_log(path)
     wanted = [signal for signal in wanted if signal.group not in SIDES or signal.group in log.sides]
     records = {
         topic: derived(log, topic) if topic in DERIVED_TOPICS else log.topic(topic)
         for topic in dict.fromkeys(signal.topic for signal in wanted)
     }
-    traces = tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted)
+    traces = *(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted), *_analysed(log, analyses)
     name = os.fsencode(path.stem).decode(errors="replace")  # no figure takes other text
     return FigureLog(name, traces, tuple(mode_spans(log)), impacts_of(log), sides=log.sides)
 
@@ -66,6 +69,20 @@ def arm_of(text: str) -> str:
     """Return which arm an impact's event names, an empty word for both."""
     named = [side for side in SIDES if re.search(rf"\b{side}\b", text)]
     return named[0] if len(named) == 1 else ""
+
+
+def _analysed(log: Log, words: Sequence[str]) -> Iterator[Trace]:
+    for name in dict.fromkeys(word.partition(".")[0] for word in words):
+        found, curves = analyse(log, name)
+        known = {signal.name: (signal, curve) for signal, curve in zip(found.signals, curves, strict=True)}
+        lacking = [word for word in words if word.startswith(f"{name}.") and word not in known]
+        if found.error is not None:
+            raise LogError(found.error)
+        if lacking:
+            raise LogError(f"unknown signal {lacking[0]!r}: the analysis gives {', '.join(known) or 'no curve'}")
+        for signal, curve in known.values():
+            if name in words or signal.name in words:
+                yield Trace(signal, (curve.t_ns - log.start_ns) * _NS, curve.values)
 
 
 def _trace(signal: Signal, records: NDArray, start_ns: int) -> Trace:

@@ -16,7 +16,21 @@ from tests.support.console.client import wait_for
 from tests.support.console.served_console import ServedConsole
 from tests.support.plugin import installed
 
-NAMES = ("shows", "raises", "sleeps", "spins", "holds", "dies", "sends", "fills", "text", "absent", "quits", "typed")
+NAMES = (
+    "shows",
+    "raises",
+    "sleeps",
+    "spins",
+    "holds",
+    "dies",
+    "sends",
+    "fills",
+    "counts",
+    "text",
+    "absent",
+    "quits",
+    "typed",
+)
 OFFERS = "[rtstack.panels]\n" + "".join(f"{name} = panels_of_lab:{name.upper()}\n" for name in NAMES)
 MODULE = """
 import os, time
@@ -58,9 +72,13 @@ def fills(view):
     return "x" * 3_000_000
 
 
-SHOWS, RAISES, SLEEPS, SPINS, HOLDS, DIES, SENDS, FILLS = (
+def counts(view):
+    return float("nan")
+
+
+SHOWS, RAISES, SLEEPS, SPINS, HOLDS, DIES, SENDS, FILLS, COUNTS = (
     Panel(function.__name__.title(), "<p>shown</p>", function, 0.2)
-    for function in (shows, raises, sleeps, spins, holds, dies, sends, fills)
+    for function in (shows, raises, sleeps, spins, holds, dies, sends, fills, counts)
 )
 TEXT = "no panel"
 
@@ -80,7 +98,8 @@ LINES = {
     "holds": "panel 'holds' of lab-tools 1.2: its process has ended, or did not answer within 5 s; it is started again",
     "dies": "panel 'dies' of lab-tools 1.2: its process has ended, or did not answer within 5 s; it is started again",
     "sends": f"panel 'sends': TypeError: Object of type set is not JSON serializable ({WHERE}:33)",
-    "fills": f"panel 'fills': ValueError: data: 2929 KiB are too many, at most 1024 ({WHERE}:37)",
+    "fills": f"panel 'fills': TypeError: data: 2929 KiB are too many, at most 1024 ({WHERE}:37)",
+    "counts": f"panel 'counts': TypeError: data: Out of range float values are not JSON compliant: nan ({WHERE}:41)",
     "text": "panel 'text': panels_of_lab:TEXT of lab-tools 1.2 is str, not Panel",
     "absent": "panel 'absent': panels_of_lab:ABSENT of lab-tools 1.2 cannot be loaded: AttributeError: no ABSENT",
     "quits": "panel 'quits': panels_of_lab:QUITS of lab-tools 1.2 cannot be loaded: SystemExit: not today",
@@ -141,7 +160,7 @@ def test_what_is_wrong_with_a_panel_is_one_line_in_time(beside: ServedConsole, n
     assert answer.error.startswith(LINES[name])
     assert answer.package == "lab-tools 1.2"
     assert beside.parts.panels.answer(name) == answer  # without a second process at once
-    alive = name in ("raises", "sleeps", "spins", "sends", "fills")
+    alive = name in ("raises", "sleeps", "spins", "sends", "fills", "counts")
     assert len(processes()) == alive
 
 

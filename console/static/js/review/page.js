@@ -5,6 +5,7 @@ import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
 import { startPlayback } from "../playback.js";
 import { startScene } from "../scene.js";
+import { showAnalyses, signalsOf } from "./analyses.js";
 import { modesOf } from "./bands.js";
 import { Cameras } from "./cameras.js";
 import { Compare } from "./compare.js";
@@ -106,16 +107,27 @@ async function start() {
   element("full").addEventListener("click", () => view.setWindow(0, view.end));
 
   let names = null;
+  let later = []; // of the address, and of no log as it is recorded: perhaps an analysis gives them
   const sinceMs = performance.now();
   await log.read((document) => {
     showRow(document);
     showReading(document, sinceMs);
     if (names === null) {
       names = namesIn(document, signals);
+      later = view.signals.filter((name) => !signals.some((signal) => signal.name === name));
       tree.keep(names);
       view.keep(names);
     }
     view.setEnd(document.duration_s);
+    if (document.done) {
+      const given = signalsOf(document);
+      tree.build(given);
+      plots.know(given);
+      for (const { name } of given) names.add(name);
+      view.signals = [...view.signals, ...later.filter((name) => names.has(name))];
+      view.tell("signals");
+      showAnalyses(document);
+    }
     for (const item of legend) item.hidden = !modesOf(document).some(([, , mode]) => mode === item.dataset.mode);
     marks.update();
     timeline.draw();

@@ -18,6 +18,7 @@ export class Plots {
     this.view = view;
     this.log = log;
     this.others = []; // [{log, offset}]: the compared logs, and what has to be added to their times
+    this.given = new Set(); // the names of those that analyses give, which another log may lack
     this.byName = new Map(signals.map((signal) => [signal.name, signal]));
     this.area = document.getElementById("figure-area");
     this.figure = document.getElementById("figure");
@@ -38,6 +39,14 @@ export class Plots {
     new ResizeObserver(() => this.refresh()).observe(document.getElementById("plots"));
     new MutationObserver(() => this.draw()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
     new Pointer(view, this.area, (px) => view.from + ((px - MARGIN.left) / this.width) * (view.to - view.from));
+  }
+
+  // Signals that are known once the log has been read.
+  know(signals) {
+    for (const signal of signals) {
+      this.given.add(signal.name);
+      this.byName.set(signal.name, signal);
+    }
   }
 
   get width() {
@@ -72,7 +81,7 @@ export class Plots {
       const [own, ...over] = await Promise.all([
         this.differs ? [] : this.log.curves(names, from, to, width),
         ...others.map((other) => this.differs ? this.log.curves(names, from, to, width, other)
-          : other.log.curves(names, from - other.offset, to - other.offset, width)),
+          : other.log.curves(names.filter((name) => !this.given.has(name) || other.log.gives(name)), from - other.offset, to - other.offset, width)),
       ]);
       const moved = (other) => (this.differs ? 0 : other.offset);
       this.curves = [

@@ -23,6 +23,11 @@ export class Log {
     }
   }
 
+  // Whether an analysis gives this signal of this log.
+  gives(name) {
+    return this.document?.analyses.some(({ signals }) => signals.some((signal) => signal.name === name)) ?? false;
+  }
+
   get impact() {
     return this.document?.events.find((event) => event.name === "impact")?.t_s ?? null;
   }
