@@ -79,9 +79,9 @@ class ArmLaw(Protocol):
     def command(self, mode: Mode) -> QpStatus:
         """Write the arm's `tau_desired` for its setpoint. Called in the modes that move, not while the arms stop.
 
-        What the log is to keep goes to the arm's control record: `wrench_desired` (33 is made of it), `qp_status` and
-        `qp_iterations`, which stay 0 where there is no QP. Returns QpStatus.NOT_USED, or a status above SOLVED where
-        there is no answer: then the judge stops both arms.
+        What the log is to keep goes to the arm's control record: `wrench_desired` (33 is made of it: a run in which it
+        stays 0 has no force norm), `qp_status` and `qp_iterations`, which stay 0 where there is no QP. Returns
+        QpStatus.NOT_USED, or a status above SOLVED where there is no answer: then the judge stops both arms.
         """
         ...
 
@@ -90,7 +90,9 @@ class Controller(Protocol):
     """The controller of a cell's arms, left before right, in the order in which a session asks it each tick.
 
     `side` is an arm's place among `arms`. Arms that share a clock are all observed, then decided on, then commanded;
-    with two clocks each arm has its turn.
+    with two clocks each arm has its turn. Before an arm moves another instance is called once, on states that are
+    thrown away, in the order of a run's first tick: `follow`, `observe` of each arm, `decide`, `command` of each arm,
+    `finish`.
     """
 
     @property
