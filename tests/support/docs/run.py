@@ -6,6 +6,7 @@ whatever needs a shell, are run by one.
 
 import contextlib
 import doctest
+import io
 import os
 import re
 import shlex
@@ -59,7 +60,7 @@ class Page:
             self._start(block)
         elif block.language == "python":
             self._history = None
-            exec(compile("\n" * block.line + block.text, block.place, "exec"), self._names)
+            self._execute(block)
         elif block.language == "console":
             self._converse(block)
         else:
@@ -78,6 +79,15 @@ class Page:
             with contextlib.suppress(ProcessLookupError):
                 process.terminate()
             process.communicate()
+
+    def _execute(self, block: Block) -> None:
+        """Run Python, and compare what it prints with the lines after #>, where it has some."""
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile("\n" * block.line + block.text, block.place, "exec"), self._names)
+        expected = "".join(f"{line}\n" for line in re.findall(r"^#> (.*)$", block.text, re.MULTILINE))
+        said = not expected or doctest.OutputChecker().check_output(expected, printed.getvalue(), _COMPARED)
+        assert said, f"{block.place}: expected:\n{expected}\nprinted:\n{printed.getvalue()}"
 
     def _run(self, block: Block, script: str) -> subprocess.CompletedProcess[str]:
         lines = script.strip().splitlines()
