@@ -3,9 +3,10 @@
 import ctypes
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from hal.cell import Cell
 from hal.displacement import Displacement
@@ -17,15 +18,39 @@ from rtstack.live.source import CellSource
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import Watchdog
-from rtstack.playback.kinds import prepare
+from rtstack.model.cell_description import CellDescription
+from rtstack.playback.run import prepare_playback
 from rtstack.playback.source import Finish
 from rtstack.samples import Level
 from rtstack.teleoperation.source import Clutch
 from rtstack.trials.carry_out import PreparedRun, carry_out
+from rtstack.trials.demonstration import prepare_demonstration
 from rtstack.trials.errors import TrialError
+from rtstack.trials.move import PreparedGuide, PreparedMove
+from rtstack.trials.placement import prepare_placement
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext, RunObserver
+from rtstack.trials.specification import Specification
+from rtstack.trials.teleoperation import prepare_teleoperation
+from rtstack.trials.trial import prepare_trial
+
+# the kinds of run that the robot process carries out, each with what prepares it from its specification
+_KINDS: dict[str, Callable[[Any, CellDescription], PreparedRun]] = {
+    "trial": prepare_trial,
+    "demonstration": prepare_demonstration,
+    "teleoperation": prepare_teleoperation,
+    "playback": prepare_playback,
+    "move": PreparedMove,
+    "place": prepare_placement,
+    "guide": PreparedGuide,
+}
+
+
+def prepare(specification: Specification, description: CellDescription) -> PreparedRun:
+    """Read and check what a run needs, before anything is opened or written. Raises TrialError with one line."""
+    return _KINDS[specification.verb](specification, description)
+
 
 _libc = ctypes.CDLL(None)
 _FIRST_HOLD_S = 3.0  # from a guide's order until its clutch must be held: the page that orders it holds it already

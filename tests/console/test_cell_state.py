@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from console.live.cell_state import CellState, CellWord, Squeeze, cell_state
 from console.live.remedies import chapters, remedy_of
+from console.live.watch import CellState, CellWord, Squeeze, cell_state
 from hal.robot_errors import ROBOT_ERRORS
 from rtstack.live.protocol import Job, JobKind, JobState, Phase, Status
 from rtstack.loop.end import End

@@ -9,8 +9,7 @@ import trimesh
 import zstandard
 from websockets.sync.client import connect
 
-from console.scene.meshes import LINKS, capsule_parts, full_parts, light_parts
-from console.scene.scene import CellFigures, turned
+from console.scene.scene import LINKS, CellFigures, capsule_parts, full_parts, light_parts, turned
 from console.scene.scenes import Detail
 from console.scene.server import SECRET_HEADER
 from hal.robots import FR3
