@@ -147,7 +147,7 @@ def tuning_toml(
     return toml_text(
         {"monitor": asdict(parameters), "provenance": provenance},
         f"The aim-aware monitor for grabs of {used[0].object}, made by `{command}`:",
-        "rtstack/trials/tuning.py says what each number is. Units in the names;",
+        "rtstack/monitor/parameters.py says what each number is. Units in the names;",
         "[provenance] says from what it was made and what it does on runs that were held out.",
     )
 

@@ -71,13 +71,13 @@ class Monitor:
         """Take a recording, arrays (ticks,) and (ticks, n): see `update`. Returns the state after each tick."""
         signals = self._checked(t_ns, residual, q, dq, dq_ref)
         trace = np.zeros(len(signals[0]), self.state.dtype)
-        _follow(self.state, self.parameters, *signals, trace)
+        _follow(self.state, self.parameters, trace, *signals)
         return trace
 
     def assess(self, t_ns: NDArray[np.int64], residual: Array, q: Array, dq: Array, dq_ref: Array) -> Assessment:
         """Take a recording, as `follow`. Returns what became of it."""
         signals = self._checked(t_ns, residual, q, dq, dq_ref)
-        _follow(self.state, self.parameters, *signals, self.state[:0])
+        _follow(self.state, self.parameters, self.state[:0], *signals)
         return self.assessment()
 
     def _checked(self, t_ns: ArrayLike, *signals: ArrayLike, ticks: tuple[None, ...] = (None,)) -> list[NDArray[Any]]:
@@ -110,7 +110,7 @@ def checked_signals(
 
 
 @compiled
-def _follow(states, parameters, t_ns, residual, q, dq, dq_ref, trace):
+def _follow(states, parameters, trace, t_ns, residual, q, dq, dq_ref):
     for k in range(t_ns.shape[0]):
         monitor_step(states, parameters, t_ns[k], residual[k], q[k], dq[k], dq_ref[k])
         if k < trace.shape[0]:

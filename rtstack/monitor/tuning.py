@@ -77,10 +77,13 @@ class GoodMotion:
         return self.rates()[quiet].max(axis=0)
 
     def impacts(self, bounds: Array) -> NDArray[np.int64]:
-        """Return the ticks of (9) for the bounds (n,) Nm/s."""
+        """Return the ticks of (9) for the bounds (n,) Nm/s. Raises ValueError where there is none."""
         above = self.rates() >= bounds
         before = np.concatenate([above[:1], above[:-1]])
-        return np.flatnonzero((above & ~before).any(axis=1))
+        hits = np.flatnonzero((above & ~before).any(axis=1))
+        if len(hits) == 0:
+            raise ValueError(f"{self.name}: no impact: is it a good run?")
+        return hits
 
     def violation(self, wide: MonitorParameters) -> float:
         """Return how far zero lies outside the envelopes, rad/s."""
@@ -90,53 +93,35 @@ class GoodMotion:
         return WIDE_RAD_S * max(0.0, 1.0 - found.margin)
 
 
-def tune_monitor(motions: Sequence[GoodMotion], sensitivity: float, period_s: float = 1e-3) -> MonitorParameters:
+def tune_monitor(motions: Sequence[GoodMotion], sensitivity: float) -> MonitorParameters:
     """Return the parameters with which every good motion is expected.
 
     Args:
-        motions: Of one robot and one task, better ten than two; the more they differ, the wider are the bounds.
+        motions: Of one robot and one task, better ten than two; the more they differ, the wider are the bounds. Window
+            and delay are counted in ticks of the first one.
         sensitivity: How many times the worst good motion's deviation is unexpected, at least 1. 1.5 is what the
             tunings that come with rtstack have.
-        period_s: Of the ticks, s: window and delay are counted in them.
 
     Raises:
         ValueError: One line that names the motion, such as one without an impact.
+        TypeError: Motions of another kind.
     """
-    return tune_with_impacts(motions, sensitivity, period_s)[0]
-
-
-def tune_with_impacts(
-    motions: Sequence[GoodMotion], sensitivity: float, period_s: float
-) -> tuple[MonitorParameters, list[float]]:
-    """Return the parameters, and each motion's first impact, s after the nominal one: see `tune_monitor`."""
-    sensitivity, period_s = (
-        float(numbers(value, name, ())) for value, name in ((sensitivity, "sensitivity"), (period_s, "period_s"))
-    )
-    if not motions or not 1.0 <= sensitivity <= LARGEST:
-        raise ValueError(f"expected motions and a sensitivity of 1 to {LARGEST}, found {len(motions)}, {sensitivity}")
-    for motion in motions:
-        if not isinstance(motion, GoodMotion):
-            raise TypeError(f"motions: expected GoodMotion, found {type(motion).__name__}")
-        if motion.q.shape[1] != motions[0].q.shape[1]:
-            raise ValueError(f"{motion.name}: expected {motions[0].q.shape[1]} joints, found {motion.q.shape[1]}")
+    rates = impact_rates(motions, sensitivity)
+    period_s = float(np.median(np.diff(motions[0].t_ns))) * 1e-9
     if not SHORTEST_S <= period_s <= LONGEST_S:
-        raise ValueError(f"period_s: expected {SHORTEST_S} to {LONGEST_S}, found {period_s}")
-    rates = sensitivity**2 * np.max([motion.quiet_rates() for motion in motions], axis=0)
+        raise ValueError(f"t_ns: expected ticks of {SHORTEST_S} to {LONGEST_S} s, found {period_s:.3g} s")
     window, delays = round(WINDOW_S / period_s), np.round(DELAYS_S / period_s).astype(int).tolist()
     wide = MonitorParameters(
         tuple(rates.tolist()), window, delays[0], DECAY_1_S, WIDE, WIDE, HORIZON_S, WIDE_RAD_S, WIDE, period_s
     )
-    firsts, times, distances = [], [], []
+    times, distances = [], []
     for motion in motions:
         hits = motion.impacts(rates)
-        if len(hits) == 0:
-            raise ValueError(f"{motion.name}: no impact: is it a good run?")
-        firsts.append(float(motion.after_s[hits[0]]))
         times.append(np.abs(motion.after_s[hits]).max())
         distances.append(np.linalg.norm(motion.q[hits] - motion.q_d, axis=1).max())
     needed = [max(motion.violation(replace(wide, delay=delay)) for motion in motions) for delay in delays]
     best = next(k for k, margin in enumerate(needed) if margin <= ENOUGH * needed[-1])
-    found = replace(
+    return replace(
         wide,
         delay=delays[best],
         velocity_rad_s=rounded(sensitivity * needed[best]),
@@ -145,7 +130,19 @@ def tune_with_impacts(
         spacing_s=SPACING_S,
         residual_rate_nm_s=tuple(rounded(rate) for rate in rates),
     )
-    return found, firsts
+
+
+def impact_rates(motions: Sequence[GoodMotion], sensitivity: float) -> Array:
+    """Return the rates (n,) Nm/s from which on a residual is an impact, before they are rounded: see `tune_monitor`."""
+    sensitivity = float(numbers(sensitivity, "sensitivity", ()))
+    if not motions or not 1.0 <= sensitivity <= LARGEST:
+        raise ValueError(f"expected motions and a sensitivity of 1 to {LARGEST}, found {len(motions)}, {sensitivity}")
+    for motion in motions:
+        if not isinstance(motion, GoodMotion):
+            raise TypeError(f"motions: expected GoodMotion, found {type(motion).__name__}")
+        if motion.q.shape[1] != motions[0].q.shape[1]:
+            raise ValueError(f"{motion.name}: expected {motions[0].q.shape[1]} joints, found {motion.q.shape[1]}")
+    return sensitivity**2 * np.max([motion.quiet_rates() for motion in motions], axis=0)
 
 
 def rounded(value: float) -> float:

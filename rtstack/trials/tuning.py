@@ -17,7 +17,7 @@ from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S, TrialMonitor
 from rtstack.loop.history import Columns
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import TARE_FROM_NS, NetForceParameters, PairParameters
-from rtstack.monitor.tuning import SETTLED_S, GoodMotion, rounded, tune_with_impacts
+from rtstack.monitor.tuning import SETTLED_S, GoodMotion, impact_rates, rounded, tune_monitor
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES
 from rtstack.trials.errors import TrialError
 from rtstack.trials.scoring import Bases, pad_forces
@@ -71,12 +71,13 @@ class Check:
 
 def tune(runs: Sequence[GoodRun], sensitivity: float) -> PairParameters:
     """Return the parameters. Raises TrialError where a run has no impact on one of its arms."""
-    motions = [[run.motion(side) for side in range(2)] for run in runs]
     try:
-        arm, firsts = tune_with_impacts(list(chain.from_iterable(motions)), sensitivity, PERIOD_S)
+        pairs = [[run.motion(side) for side in range(2)] for run in runs]
+        motions = list(chain.from_iterable(pairs))
+        arm, rates = tune_monitor(motions, sensitivity), impact_rates(motions, sensitivity)
     except ValueError as error:
         raise TrialError(str(error)) from None
-    later = [abs(max(pair)) for pair in zip(firsts[::2], firsts[1::2], strict=True)]
+    later = [abs(max(float(each.after_s[each.impacts(rates)[0]]) for each in pair)) for pair in pairs]
     return PairParameters(arm, rounded(sensitivity * max(later)), _net_force(runs, sensitivity))
 
 

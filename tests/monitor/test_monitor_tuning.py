@@ -35,7 +35,7 @@ def verdict(run, tuning):
 @pytest.mark.parametrize(("joints", "period_s"), [(1, 1e-3), (2, 2e-3), (6, 1e-3)])
 def test_good_motions_of_other_seeds_are_expected_and_wrong_ones_are_not(joints, period_s):
     hits = (0.48, 0.49, 0.5, 0.51, 0.52)
-    tuning = tune_monitor([motion(k, joints, period_s, hit) for k, hit in enumerate(hits)], 1.5, period_s)
+    tuning = tune_monitor([motion(k, joints, period_s, hit) for k, hit in enumerate(hits)], 1.5)
     assert tuning.joints == joints
     assert tuning.period_s == period_s
     assert tuning.window == round(0.013 / period_s)
@@ -82,5 +82,5 @@ def test_what_does_not_fit_is_refused_in_one_line():
             tune_monitor(motions, sensitivity)
     with pytest.raises(TypeError, match="motions: expected GoodMotion, found NoneType"):
         tune_monitor([None], 1.5)
-    with pytest.raises(ValueError, match=r"period_s: expected 0\.00022 to 0\.005, found 1\.0"):
-        tune_monitor([good], 1.5, 1.0)
+    with pytest.raises(ValueError, match=r"t_ns: expected ticks of 0\.00022 to 0\.005 s, found 0\.01 s"):
+        tune_monitor([replace(good, t_ns=10 * good.t_ns, t_d_ns=5_000_000_000)], 1.5)

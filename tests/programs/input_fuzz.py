@@ -78,7 +78,7 @@ def odd_array(rng: Rng, good: np.ndarray) -> Any:
             made.flat[rng.randrange(made.size)] = float(rng.choice(NUMBERS[:8]))
         elif what == 6 and made.dtype.kind in "fi":
             with np.errstate(all="ignore"):
-                made = made * rng.choice((0, -1, 1e-200, 1e200, 1e-3, 3))
+                made = made * rng.choice((0.0, -1.0, 1e-200, 1e200, 1e-3, 3.0))
         elif what == 7 and made.ndim:
             made = made[: rng.randrange(made.shape[0] + 1)] if rng.random() < 0.5 else np.concatenate([made, made])
         elif what == 8:
@@ -181,7 +181,7 @@ def _tune(rng: Rng, numbers: np.random.Generator) -> None:
         given = {"t_ns": np.arange(500) * 1_000_000, "t_d_ns": 250_000_000, "q_d": np.zeros(joints), **signals}
         motions.append(GoodMotion(f"run {k}", **mixed(rng, **given)))
     if rng.random() < 0.2:
-        tune_monitor(**mixed(rng, motions=motions, sensitivity=1.5, period_s=1e-3))
+        tune_monitor(**mixed(rng, motions=motions, sensitivity=1.5))
 
 
 def _detector(rng: Rng, numbers: np.random.Generator) -> None:
