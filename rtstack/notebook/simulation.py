@@ -1,5 +1,6 @@
 """The simulated cell as one object: each run is one call. rtstack.run_trial and the others are Simulation()'s."""
 
+import atexit
 import os
 import pickle
 import signal
@@ -11,7 +12,8 @@ from functools import cache
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryDirectory, mkdtemp
+from shutil import rmtree
+from tempfile import NamedTemporaryFile, mkdtemp
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -27,7 +29,7 @@ from rtstack.log.writer import check_log_path
 from rtstack.messages import problem
 from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.notebook.table import TrialTable
-from rtstack.teleoperation.policy import Policy
+from rtstack.teleoperation.policy import FASTEST_HZ, SLOWEST_HZ, Policy
 from rtstack.trials.assembly import ControllerFactory, Parameters, cell_parameters
 from rtstack.trials.carry_out import PreparedRun, R
 from rtstack.trials.demonstration import prepare_demonstration
@@ -120,14 +122,19 @@ class Simulation:
         prepared = prepare_trial(_trial(reference, fields), description, parameters)
         first = prepared.specification
         controllers = controller if isinstance(controller, list | tuple) else [controller or first.controller]
-        shifts = [first.displacement_mm] if displacements is None else map(float, displacements)
+        shifts = [first.displacement_mm] if displacements is None else displacements
         asked = [
             _checked(like, TrialSpecification, first, controller=law, displacement_mm=mm, seed=seed)
             for law, mm, seed in product(controllers, shifts, range(1, n + 1) if seeds is None else seeds)
         ]
         if not asked or len({(each.controller, each.displacement_mm, each.seed) for each in asked}) < len(asked):
             raise TrialError(f"{len(asked)} trials: give one at least, and no controller, displacement or seed twice")
-        logs = None if log_folder is None else _log_paths(Path(log_folder), asked)
+        logs = None
+        if log_folder is not None:
+            logs = [Path(log_folder) / f"{k + 1:04d}-{each.log_stem}.mcap" for k, each in enumerate(asked)]
+            Path(log_folder).mkdir(exist_ok=True)
+            for path in logs:
+                check_log_path(path)
         order = _Order([replace(prepared, specification=each) for each in asked], self.cell, file, logs)
         found: dict[int, TrialResult | str] = {}
         try:
@@ -156,6 +163,8 @@ class Simulation:
             log: As in `demonstrate`.
             fields: Of TeleoperationSpecification: object, seed.
         """
+        if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+            raise TrialError(f"rate_hz: expected {SLOWEST_HZ} to {FASTEST_HZ}, not {rate_hz}")
         description, file = self._described()
         asked = _checked(TeleoperationSpecification, type(policy).__name__, **fields)
         put = _checked(TrialSpecification, "policy", displacement_mm=displacement_mm).displacement
@@ -233,22 +242,12 @@ def _run(k: int) -> TrialResult | str:
     return _given[0].run(k)
 
 
-def _log_paths(folder: Path, asked: Sequence[TrialSpecification]) -> list[Path]:
-    folder.mkdir(exist_ok=True)
-    paths = [folder / f"{k + 1:04d}-{each.log_stem}.mcap" for k, each in enumerate(asked)]
-    for path in paths:
-        check_log_path(path)
-    return paths
-
-
 @cache
-def _temporary() -> TemporaryDirectory[str]:
-    return TemporaryDirectory(prefix="rtstack-")
-
-
 def _folder() -> Path:
     """Return the folder of what ends with this process."""
-    return Path(_temporary().name)
+    folder = Path(mkdtemp(prefix="rtstack-"))
+    atexit.register(rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def _trial(reference: Reference, fields: Mapping[str, Any]) -> TrialSpecification:

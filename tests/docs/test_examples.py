@@ -177,16 +177,14 @@ def test_thirteen_makes_of_an_observation_the_frame_that_the_data_set_has(demons
 @pytest.mark.long
 def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    known: dict[str, Any] = {}
+    known: dict[str, Any] = {"__name__": "__main__"}
     for cell in json.loads((EXAMPLES / "first_grab.ipynb").read_text())["cells"]:
         source = "".join(cell["source"])
         assert not cell.get("outputs")
-        if source.startswith("!"):
-            subprocess.run(source[1:], shell=True, check=True, env=environment(), timeout=PATIENCE_S)
-        elif cell["cell_type"] == "code":
+        if cell["cell_type"] == "code":
             exec(source, known)
-    assert known["softer"].success
-    assert known["axes"].lines[0].get_ydata().max() > 20.0
+    assert known["trial"].success
+    assert [row.success for row in known["table"]] == [True] * 20
     assert (tmp_path / "impact.webp").stat().st_size > 10_000
 
 

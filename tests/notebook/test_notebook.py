@@ -143,6 +143,8 @@ def test_a_policy_leads_the_arms():
     assert result.operator == "Rise"
     arm = read_log(result.log).topic("/left/arm")
     assert arm["O_T_EE"][-1].reshape(4, 4)[2, 3] - arm["O_T_EE"][0].reshape(4, 4)[2, 3] > 0.01
+    with pytest.raises(TrialError, match="rate_hz: expected 10 to 50, not 0"):
+        rtstack.run_policy(Rise(), rate_hz=0)
 
 
 def test_a_figure_shows_itself(demonstration):
