@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT / "docs/generate"))
 
 from command_line import commands  # noqa: E402
 from http_api import document  # noqa: E402
+from public_names import names  # noqa: E402
 
 _LOADING = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 _LOADED_LINKS = {"stylesheet", "icon", "preload", "preconnect", "modulepreload", "dns-prefetch"}
@@ -95,6 +96,11 @@ def test_the_log_page_has_every_field(site):
         for field in message.fields:
             assert field.name in text
             assert field.comment in text
+
+
+def test_every_public_name_is_on_the_page(site):
+    found = set(re.findall(r'id="([^"]+)"', (site / "reference/python.html").read_text()))
+    assert sorted(names() - found) == []
 
 
 def test_nothing_is_left_to_be_filled_in(site):
