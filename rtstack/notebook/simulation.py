@@ -48,6 +48,7 @@ from rtstack.trials.trial import PreparedTrial, prepare_trial
 
 Reference = TrialSpecification | DemonstrationResult | Path | str
 OneController = ControllerFactory | str
+Task = tuple[PreparedTrial, str, Path, Path | None]  # arguments of `simulated`
 T = TypeVar("T")
 
 
@@ -129,16 +130,17 @@ class Simulation:
         ]
         if not asked or len({(each.controller, each.displacement_mm, each.seed) for each in asked}) < len(asked):
             raise TrialError(f"{len(asked)} trials: give one at least, and no controller, displacement or seed twice")
-        logs = None
+        logs: list[Path | None] = [None] * len(asked)
         if log_folder is not None:
-            logs = [Path(log_folder) / f"{k + 1:04d}-{each.log_stem}.mcap" for k, each in enumerate(asked)]
             Path(log_folder).mkdir(exist_ok=True)
-            for path in logs:
+            for k, each in enumerate(asked):
+                logs[k] = path = Path(log_folder) / f"{k + 1:04d}-{each.log_stem}.mcap"
                 check_log_path(path)
-        order = _Order([replace(prepared, specification=each) for each in asked], self.cell, file, logs)
+        runs = (replace(prepared, specification=each) for each in asked)
+        tasks = [(run, self.cell, file, log) for run, log in zip(runs, logs, strict=True)]
         found: dict[int, TrialResult | str] = {}
         try:
-            for k, result in order.results(min(len(asked), workers or len(os.sched_getaffinity(0)))):
+            for k, result in _results(tasks, min(len(asked), workers or len(os.sched_getaffinity(0)))):
                 found[k] = result
                 print(f"\r{len(found)} of {len(asked)} trials", end="", file=sys.stderr, flush=True)
         except KeyboardInterrupt:
@@ -190,56 +192,47 @@ class Simulation:
         return load_description(own, self.cell)
 
 
-@dataclass(frozen=True, slots=True)
-class _Order:
-    """Trials to run. cell, file: kind and description of the cell; logs: a path for each, None for no logs."""
+def _attempt(task: Task) -> TrialResult | str:
+    """Return the result of a trial, or in one line why it could not be run."""
+    try:
+        return simulated(*task)
+    except PLUG_INS_RAISE as error:
+        return raised(error)
 
-    runs: Sequence[PreparedTrial]
-    cell: str
-    file: Path
-    logs: Sequence[Path] | None
 
-    def run(self, k: int) -> TrialResult | str:
-        """Return the result of trial k, or in one line why it could not be run."""
+def _results(tasks: Sequence[Task], workers: int) -> Iterator[tuple[int, TrialResult | str]]:
+    """Yield number and result of each trial as it ends. Closed before, it lets those end that run."""
+    if workers == 1:
+        yield from enumerate(map(_attempt, tasks))
+        return
+    import cloudpickle
+
+    with NamedTemporaryFile(dir=_folder()) as file:  # a pipe would be read once a worker has imported all
+        cloudpickle.dump(tasks, file)  # a notebook's functions are in no module that a worker could import
+        file.flush()
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (file.name,))
         try:
-            return simulated(self.runs[k], self.cell, self.file, None if self.logs is None else self.logs[k])
-        except PLUG_INS_RAISE as error:
-            return raised(error)
-
-    def results(self, workers: int) -> Iterator[tuple[int, TrialResult | str]]:
-        """Yield the trials' results as they end. Closed before, it lets those end that run."""
-        numbers = range(len(self.runs))
-        if workers == 1:
-            yield from ((k, self.run(k)) for k in numbers)
-            return
-        import cloudpickle
-
-        with NamedTemporaryFile(dir=_folder()) as file:  # a pipe would be read once a worker has imported all
-            cloudpickle.dump(self, file)  # a notebook's functions are in no module that a worker could import
-            file.flush()
-            pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (file.name,))
-            try:
-                with starting():
-                    futures = {pool.submit(_run, k): k for k in numbers}
-                for future in as_completed(futures):
-                    error = future.exception()
-                    yield futures[future], future.result() if error is None else raised(error)
-            finally:
-                pool.shutdown(cancel_futures=True)
+            with starting():
+                futures = {pool.submit(_attempt_number, k): k for k in range(len(tasks))}
+            for future in as_completed(futures):
+                error = future.exception()
+                yield futures[future], future.result() if error is None else raised(error)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
-def _begin(order: str) -> None:
+_tasks: list[Task] = []  # of a worker
+
+
+def _begin(file: str) -> None:
     """Receive, in a worker, what it is to run. It ends with the process that has started it, not by Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
-    _given.append(pickle.loads(Path(order).read_bytes()))
+    _tasks.extend(pickle.loads(Path(file).read_bytes()))
 
 
-_given: list[_Order] = []
-
-
-def _run(k: int) -> TrialResult | str:
-    return _given[0].run(k)
+def _attempt_number(k: int) -> TrialResult | str:
+    return _attempt(_tasks[k])
 
 
 @cache
