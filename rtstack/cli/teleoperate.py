@@ -62,7 +62,7 @@ def teleoperate(
             job = operator.post("beat")["job"]
         operator.post("release")
     typer.echo(f"{job['state']}: {job['reason'] or 'success'}" + (f", {job['log']}" if job.get("log") else ""))
-    if job["state"] != JobState.DONE:
+    if job["state"] != JobState.DONE or job["reason"]:
         raise typer.Exit(FAILED)
 
 
