@@ -72,7 +72,8 @@ def problem_from_arrays(
         if not np.abs(M - M.T).max() <= SYMMETRIC * np.abs(M).max():
             raise ValueError(f"M: expected a symmetric matrix, found differences of {np.abs(M - M.T).max():.3g}")
         try:
-            problem = Problem((), (), (), contacts, (), points, M, velocity, J, s.ravel(), mu)
+            copies = (array.copy() for array in (M, velocity, J, s.ravel(), mu))  # the caller's may change
+            problem = Problem((), (), (), contacts, (), points, *copies)
         except np.linalg.LinAlgError:
             raise ValueError(
                 "M: expected a positive definite matrix, found an eigenvalue that is not positive"

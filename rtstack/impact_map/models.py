@@ -107,10 +107,10 @@ def problem_from_urdf(
     q, dq = numbers(q, "q", (model.nq,)), numbers(dq, "dq", (model.nv,))
     added = numbers(np.zeros(model.nv) if armature is None else armature, "armature", (model.nv,))
     n = len(links)
-    points, normals = numbers(points, "points", (n, 3)), numbers(normals, "normals", (n, 3))
-    if not normals.any(axis=1).all():
+    places, directions = numbers(points, "points", (n, 3)), numbers(normals, "normals", (n, 3))
+    if not directions.any(axis=1).all():
         raise ValueError("normals: expected directions, found zeros")
-    normals = normals / np.abs(normals).max(axis=1, keepdims=True)  # of any size
+    directions = directions / np.abs(directions).max(axis=1, keepdims=True)  # of any size
     data = model.createData()
     M = np.triu(pin.crba(model, data, q, pin.Convention.WORLD))  # crba fills the upper triangle only
     M += np.triu(M, 1).T + np.diag(added)
@@ -122,8 +122,8 @@ def problem_from_urdf(
             raise SceneError(f"links: expected frames of {urdf}, found {link!r}")
         frame = model.getFrameId(link)
         moving = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        J[k] = moving[:3] - pin.skew(data.oMf[frame].rotation @ points[k]) @ moving[3:]
-    frames = np.reshape([frame_of(normal) for normal in normals], (-1, 3, 3))
+        J[k] = moving[:3] - pin.skew(data.oMf[frame].rotation @ places[k]) @ moving[3:]
+    frames = np.reshape([frame_of(direction) for direction in directions], (-1, 3, 3))
     return problem_from_arrays(
         M, J.reshape(-1, model.nv), dq, friction, frames=frames, support_velocity=support_velocity,
         patches=links, maintained=maintained,

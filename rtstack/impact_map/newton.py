@@ -26,7 +26,7 @@ def refined(G: Array, b: Array, friction: Array, start: Array) -> tuple[Array, f
     """
     try:
         best, error = _iterate(G, b, friction, np.ascontiguousarray(start).ravel())
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, ZeroDivisionError):  # the latter of a contact along which nothing can move
         return start, np.inf
     return best.reshape(-1, 3), error
 

@@ -93,6 +93,7 @@ class GoodMotion:
         return WIDE_RAD_S * max(0.0, 1.0 - found.margin)
 
 
+@np.errstate(over="ignore")  # an infinite bound is refused
 def tune_monitor(motions: Sequence[GoodMotion], sensitivity: float) -> MonitorParameters:
     """Return the parameters with which every good motion is expected.
 

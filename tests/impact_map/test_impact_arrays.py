@@ -20,7 +20,6 @@ from tests.support.impact_map.models import MODELS, mjcf, urdf
 from tests.support.impact_map.scenes import random_scene
 
 BALL = {"M": 2.0 * np.eye(3), "J": np.eye(3), "velocity": np.array([1.0, 0.0, -1.0]), "friction": 0.3}
-TWO = {"M": np.eye(2), "J": np.vstack([np.zeros((2, 2)), [[0.0, 1.0]]]), "velocity": np.array([1.0, -1.0])}
 
 
 def test_a_ball_that_falls_slides_on_with_what_friction_leaves_it():
@@ -63,6 +62,11 @@ def test_a_patch_that_would_have_to_pull_names_itself():
     impact = converged(away)
     assert impact.status is Status.INFEASIBLE
     assert "the second of patch pad part" in impact.detail
+
+
+def test_a_support_that_comes_against_what_cannot_move_along_it_leaves_no_room():
+    problem = problem_from_arrays(np.eye(1), np.zeros((3, 1)), [1.0], 0.0, support_velocity=[[0.0, 0.0, 1.0]])
+    assert single_step(problem).status is Status.INFEASIBLE
 
 
 @pytest.mark.parametrize(

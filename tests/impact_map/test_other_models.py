@@ -125,6 +125,17 @@ def test_a_tip_that_pushes_a_box_on_the_floor(name):
         print(f"{name} {friction} {impact.status.value}: {np.abs(impact.velocity - oracle).max() / scale:.1e}")
 
 
+def test_a_problem_stays_when_the_simulation_goes_on():
+    links, q = MODELS["planar 2R"][0], np.array(MODELS["planar 2R"][1])
+    model, data = wall(links, q, 0.3)
+    problem = problem_from_mujoco(model, data)
+    before = single_step(problem)
+    mujoco.mj_step(model, data)
+    after = single_step(problem)
+    np.testing.assert_array_equal(problem.velocity, problem_from_mujoco(*wall(links, q, 0.3)).velocity)
+    assert after.momentum_ns == before.momentum_ns
+
+
 def _rotation(links, q):
     model = pin.buildModelFromXML(urdf(links))
     data = model.createData()

@@ -76,6 +76,7 @@ def test_what_does_not_fit_is_refused_in_one_line():
         ([good], 0.5, "found 1, 0.5"),
         ([good, replace(good, name="flat", residual=0.0 * good.residual)], 1.5, "flat: no impact"),
         ([replace(good, t_ns=good.t_ns // 10, t_d_ns=50_000_000)], 1.5, "run 1: expected more than 0.15 s"),
+        ([replace(good, q=1e200 * good.q)], 1.5, "configuration_rad: expected finite numbers, found inf"),
         ([good, motion(2, joints=3)], 1.5, "run 2: expected 2 joints, found 3"),
     ):
         with pytest.raises(ValueError, match=message):
