@@ -44,7 +44,7 @@ class PointArrays(NamedTuple):
 
 
 @compiled
-def distance_row(own, other, jacobian):
+def distance_row(own: PointArrays, other: PointArrays, jacobian: Array) -> tuple[float, float, float]:
     """Write the gradient n^T J (7,) of the distance d between two points, PointArrays; J: of the first one.
 
     Return d, m, its rate, m/s, and its drift, m/s^2, which is ddot d where no joint accelerates:

@@ -2,10 +2,11 @@
 
 from itertools import product
 
+from hal.base.arrays import Array
 from hal.compilation import compiled
 from rtstack.control.controller import ObservedArm
 from rtstack.control.limits import Limit, paper_limits
-from rtstack.control.link_point import LinkPoint, distance_row
+from rtstack.control.link_point import LinkPoint, PointArrays, distance_row
 from rtstack.control.modes import Strategy
 from rtstack.control.qp_law import QpLaw
 from rtstack.control.tick import CellController
@@ -16,7 +17,7 @@ TIME_S, FASTEST = 0.05, 10.0  # of the way to the least distance; m/s^2: the mos
 
 
 @compiled
-def keep_apart(own, other, row, jacobian, lower):
+def keep_apart(own: PointArrays, other: PointArrays, row: int, jacobian: Array, lower: Array) -> None:
     """Bound ddot d >= -2 / T dot d - (d - least) / T^2 for the distance d of two points."""
     d, rate, drift = distance_row(own, other, jacobian[row])
     lower[row] = min(-2.0 / TIME_S * rate - (d - LEAST_M) / TIME_S**2 - drift, FASTEST)

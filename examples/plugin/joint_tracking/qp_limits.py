@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hal.base.arrays import Array
 from rtstack.control.controller import ObservedArm
 from rtstack.control.limits import JointLimit, Limit
 from rtstack.control.link_point import LinkPoint
@@ -48,8 +49,10 @@ class PadForce(Limit):
 
     def update(self) -> None:
         """Bound axis^T Lambda (J ddq + dJ dq): the wrench whose acceleration the QP asks of the pad."""
-        work = self._work
-        row = self._axis @ np.linalg.inv(work["J"] @ np.linalg.solve(work["M"], work["J"].T))
-        self.jacobian[0] = row @ work["J"]
-        drift = row @ work["dJdq"]
+        J: Array = self._work["J"]
+        M: Array = self._work["M"]
+        inverse: Array = J @ np.linalg.solve(M, J.T)
+        row: Array = self._axis @ np.linalg.inv(inverse)
+        self.jacobian[0] = row @ J
+        drift = float(np.dot(row, self._work["dJdq"]))
         self.lower[0], self.upper[0] = -self._most_n - drift, self._most_n - drift
