@@ -28,7 +28,7 @@ def excite(
     from rtstack.identification.procedure import lowest_object, uncompensated
     from rtstack.identification.sweep import all_joints
     from rtstack.trials.assembly import arm_controllers
-    from rtstack.trials.motion import PreparedMotion
+    from rtstack.trials.move import PreparedMotion
     from rtstack.trials.specification import SweepSpecification
 
     host = Terminal.of(cell, profile, cell_file, "motion of all joints", log_path=output)

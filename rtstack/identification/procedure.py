@@ -15,7 +15,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import Parameters, arm_controllers, default_parameters, with_law
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile
-from rtstack.trials.motion import PreparedMotion
+from rtstack.trials.move import PreparedMotion
 from rtstack.trials.review import log_columns
 from rtstack.trials.specification import SweepSpecification
 

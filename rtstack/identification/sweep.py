@@ -19,8 +19,7 @@ from rtstack.samples import Mode
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
-from rtstack.trials.motion import MotionResult, run_motion
-from rtstack.trials.move import where_arms_stand
+from rtstack.trials.move import MotionResult, run_motion, where_arms_stand
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.start_motion import StartMotion, posture
 from rtstack.trials.tightening import limits_of_arms

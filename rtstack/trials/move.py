@@ -5,7 +5,7 @@ guide mode a person moves the arms by hand, also back from beyond a limit, for a
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from rtstack.control.guiding import GuidingLaw
 from rtstack.control.modes import Strategy
 from rtstack.control.tick import CellController
 from rtstack.loop.end import End
+from rtstack.loop.history import Columns
 from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription, LoadPolicy
 from rtstack.references.demonstration import end_effector_pose
@@ -27,13 +28,61 @@ from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import resting_force
 from rtstack.trials.placement import blocks_start
-from rtstack.trials.result import GuideResult, MoveResult
+from rtstack.trials.result import GuideResult, MoveResult, Result
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.sight import object_before
 from rtstack.trials.specification import GuideSpecification, HandMotion, MoveSpecification
-from rtstack.trials.start_motion import MeasuredPoints, StartMotion
+from rtstack.trials.start_motion import MeasuredPoints, StartMotion, start_motion
 from rtstack.trials.tightening import limits_of_arms
+
+
+@dataclass(frozen=True, slots=True)
+class MotionResult(Result):
+    """What came out of a motion, with its samples."""
+
+    columns: Columns
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedMotion(PreparedRun[MotionResult]):
+    """Both arms follow a plan that meets nothing, as an identification moves them: the object is out of their way.
+
+    noise: seed of the cell's noise. overwrite: a log of the same name that was broken off.
+    """
+
+    plan: SessionPlan
+    parameters: Parameters
+    noise: int
+    overwrite: bool = False
+
+    @property
+    def noise_seed(self) -> int:
+        return self.noise
+
+    def about(self) -> dict[str, Any]:
+        return {"overwrite": self.overwrite}
+
+    def start_motion(self, cell: Cell) -> StartMotion | None:
+        """See PreparedRun: home, whatever object the cell has."""
+        return start_motion(cell, self.description, "")
+
+    def run(self, cell: Cell, context: RunContext, way: StartMotion | None) -> MotionResult:
+        reason, columns = run_motion(self.plan, self.description, self.parameters, cell, context, way=way)
+        return MotionResult(reason is None, reason, columns)
+
+
+def run_motion(
+    plan: SessionPlan, description: CellDescription, parameters: Parameters, cell: Cell,
+    context: RunContext = NO_CONTEXT, *, way: StartMotion | None = None,
+) -> tuple[str | None, Columns]:  # fmt: skip
+    """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell. Returns why it failed, None for
+    a success, and the samples."""
+    with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
+        reason = run.follow(cell).problem
+        incomplete = run.close({"success": reason is None, "failure_reason": reason})
+    return reason or incomplete, run.history.columns()
+
 
 HELD_N = 5.0  # on both pads, away from each other: the impact detector's force_high
 ON_TABLE_M = 0.015  # below it an object that the tracker sees stands on the table

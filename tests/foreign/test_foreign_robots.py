@@ -25,7 +25,7 @@ from rtstack.planning.free import PlanPhase, free_motion
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.motion import run_motion
+from rtstack.trials.move import run_motion
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import FreeRunSpecification, TeleoperationSpecification

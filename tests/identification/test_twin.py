@@ -19,7 +19,7 @@ from rtstack.identification.procedure import uncompensated
 from rtstack.identification.twin import LINK_SHARES, link_lateness
 from rtstack.model.arm_model import ArmModel
 from rtstack.trials.assembly import arm_controllers
-from rtstack.trials.motion import run_motion
+from rtstack.trials.move import run_motion
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import load_plant_parameters

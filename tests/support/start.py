@@ -8,7 +8,7 @@ from rtstack.loop.plan import SessionPlan
 from rtstack.model.cell_description import CellDescription, StartMotionLimits
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.motion import run_motion
+from rtstack.trials.move import run_motion
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.start_motion import JointPath, MeasuredPoints, StartMotion
 

@@ -17,7 +17,7 @@ from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.demonstration import PreparedDemonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate, resting_force
-from rtstack.trials.motion import PreparedMotion
+from rtstack.trials.move import PreparedMotion
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, SweepSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial

@@ -24,7 +24,7 @@ from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, cell_parameters
-from rtstack.trials.motion import run_motion
+from rtstack.trials.move import run_motion
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification

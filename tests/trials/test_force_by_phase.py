@@ -25,8 +25,7 @@ from rtstack.samples import Mode
 from rtstack.testing import ServedArms
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.motion import run_motion
-from rtstack.trials.move import PreparedMove
+from rtstack.trials.move import PreparedMove, run_motion
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import (

@@ -4,8 +4,7 @@ import foxglove
 from foxglove.messages import FrameTransforms, PointCloud, SceneUpdate, VoxelGrid
 from numpy.typing import NDArray
 
-from rtstack.log.viewers.frames import CellFrames, FrameTree
-from rtstack.log.viewers.instants import InstantFinder
+from rtstack.log.viewers.frames import CellFrames, FrameTree, InstantFinder
 from rtstack.log.viewers.shapes import Solids, force_messages
 from rtstack.log.viewers.solids import shapes_of
 from rtstack.log.viewers.voxels import VOXELS, voxel_messages

@@ -11,8 +11,7 @@ import numpy as np
 from foxglove import messages as fox
 from numpy.typing import NDArray
 
-from rtstack.log.viewers.frames import WORLD, CellFrames, from_rpy
-from rtstack.log.viewers.instants import Instants, stamp
+from rtstack.log.viewers.frames import WORLD, CellFrames, Instants, from_rpy, stamp
 from rtstack.log.viewers.solids import Shape
 
 SOLIDS_PERIOD_NS = 1_000_000_000

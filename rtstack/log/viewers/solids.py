@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from xml.etree.ElementTree import Element
 
-from rtstack.log.viewers.frames import TABLE, CellFrames, triple
-from rtstack.log.viewers.instants import OBJECT
+from rtstack.log.viewers.frames import OBJECT, TABLE, CellFrames, triple
 
 # red, green, blue, alpha: what is squeezed lets the forces be seen
 COLOURS: dict[str, tuple[float, float, float, float]] = {

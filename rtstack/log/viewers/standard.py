@@ -9,7 +9,7 @@ import numpy as np
 from foxglove.messages import Log, LogLevel, PoseInFrame
 from numpy.typing import NDArray
 
-from rtstack.log.viewers.instants import stamp
+from rtstack.log.viewers.frames import stamp
 from rtstack.log.viewers.shapes import pose
 from rtstack.samples import Level
 

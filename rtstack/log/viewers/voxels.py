@@ -10,8 +10,7 @@ from foxglove.messages import Pose, VoxelGrid
 from numpy.typing import NDArray
 
 from hal.base.arrays import Array
-from rtstack.log.viewers.frames import TABLE, from_rpy, rotation_of
-from rtstack.log.viewers.instants import OBJECT, stamp
+from rtstack.log.viewers.frames import OBJECT, TABLE, from_rpy, rotation_of, stamp
 from rtstack.log.viewers.shapes import colour_fields, pose, vector
 from rtstack.log.viewers.solids import Shape
 from rtstack.samples import SIDES

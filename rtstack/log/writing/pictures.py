@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from hal.base.shared import Block
 from rtstack.log.errors import LogError
-from rtstack.log.viewers.frames import WORLD
-from rtstack.log.viewers.instants import stamp
+from rtstack.log.viewers.frames import WORLD, stamp
 from rtstack.samples import EVENT, Level
 
 SLOTS = 32  # of a camera: about a second

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rtstack.monitor.monitor import Assessment, Monitor
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.planar.plan import Meant, Plan, plan_impact
 from rtstack.papers.aim_aware.planar.simulation import simulate
 from rtstack.papers.aim_aware.study import Study

@@ -8,8 +8,7 @@ from typing import Any, ClassVar, TypeVar
 
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.report import Report
-from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.outline import Portion, tuning_file
+from rtstack.papers.aim_aware.outline import Case, Portion, tuning_file
 from rtstack.papers.aim_aware.study import StudyRun, load_run
 
 P = TypeVar("P", bound=Portion[Any, Any])

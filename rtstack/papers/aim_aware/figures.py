@@ -13,7 +13,7 @@ from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
 from rtstack.papers.aim_aware.claims import Bands
 from rtstack.papers.aim_aware.classification import Impact
-from rtstack.papers.aim_aware.grid import Column
+from rtstack.papers.aim_aware.outline import Column
 from rtstack.papers.aim_aware.planar.plan import Plan
 
 ANTE, POST, MEASURED, RED, BAND = "#009E73", "#E69F00", "#0072B2", "#D55E00", "#0072B2"

@@ -15,8 +15,7 @@ from rtstack.experiments.report import Figure, Report, Table
 from rtstack.papers.aim_aware.claims import JUDGES, LETTERS, SHARED, Evaluation, at_contact, evaluated
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.figures import figure3, figure4, figure6, shares
-from rtstack.papers.aim_aware.grid import Case, Column, Found
-from rtstack.papers.aim_aware.outline import Portion
+from rtstack.papers.aim_aware.outline import Case, Column, Found, Portion
 from rtstack.papers.aim_aware.study import StudyRun
 
 SIGNALS = "signals.npz"

@@ -8,8 +8,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, NotNegative, Positive
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
-from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, tuned_for
+from rtstack.papers.aim_aware.outline import Case, ContactMap, Found, Outline, Portion, monitors_of, tuned_for
 from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm
 
 STUDY = "aim-aware-planar"

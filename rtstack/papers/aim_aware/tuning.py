@@ -25,8 +25,7 @@ from rich.progress import track
 from hal.base.configuration import ConfigurationError, toml_text
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
-from rtstack.papers.aim_aware.grid import Case, Column, Found
-from rtstack.papers.aim_aware.outline import Outline, digest_of, tuning_file
+from rtstack.papers.aim_aware.outline import Case, Column, Found, Outline, digest_of, tuning_file
 from rtstack.papers.aim_aware.study import Study, Tuned
 
 SEPARATIONS = "separations: of each candidate for r_b, by tuning; none: wanted and unwanted cases cannot be told apart"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rtstack.experiments.experiment import Row
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
-from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.planar.plan import Plan
 from rtstack.papers.aim_aware.study import StudyRun
 

@@ -8,7 +8,7 @@ import pytest
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.arm.study import load_arm_run
 from rtstack.papers.aim_aware.arm.worker import run_cases as hit
-from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.study import load_run
 from rtstack.papers.aim_aware.worker import run_cases
 from tests.support.campaigns import Command

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from rtstack.experiments.experiment import SIMULATED, CellRun, Request, Row, Stages
 from rtstack.papers.aim_aware.arm.study import ArmRun, LogFolder, load_arm_run, platform_cell_file, platform_files
 from rtstack.papers.aim_aware.experiment import MonitorStudy
-from rtstack.papers.aim_aware.grid import Case
-from rtstack.papers.aim_aware.outline import tuning_file
+from rtstack.papers.aim_aware.outline import Case, tuning_file
 from rtstack.papers.conditions import LOGS
 
 if TYPE_CHECKING:

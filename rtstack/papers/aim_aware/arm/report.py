@@ -10,7 +10,7 @@ from rtstack.experiments.report import Figure, Report
 from rtstack.papers.aim_aware.arm.study import ArmRun
 from rtstack.papers.aim_aware.arm.worker import judged_case
 from rtstack.papers.aim_aware.figures import figure6
-from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.platform.plan import IN_PLANE
 from rtstack.papers.aim_aware.report import save_signals, study_report
 

@@ -14,8 +14,7 @@ from hal.pad import Pad
 from rtstack.experiments.experiment import DIRECT
 from rtstack.model.cell_description import ArmMounting, CellDescription, load_cell_description
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.grid import Case, Found, monitors_of
-from rtstack.papers.aim_aware.outline import ContactMap, Outline, Portion, tuned_for
+from rtstack.papers.aim_aware.outline import Case, ContactMap, Found, Outline, Portion, monitors_of, tuned_for
 from rtstack.papers.aim_aware.platform.hit import HitGains
 from rtstack.papers.conditions import files_of_plant
 
