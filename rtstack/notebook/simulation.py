@@ -19,7 +19,6 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from hal.base.configuration import toml_text
-from hal.base.extras import require
 from hal.base.realtime import end_with_parent
 from hal.extensions import PLUG_INS_RAISE, raised
 from rtstack.cells import kind_of, load_description
@@ -118,7 +117,6 @@ class Simulation:
             log_folder: Where each trial writes a log; None: nowhere.
             fields: As in `run_trial`.
         """
-        require("campaign")  # its `distributed` brings cloudpickle
         description, file = self._described()
         prepared = prepare_trial(_trial(reference, fields), description, parameters)
         first = prepared.specification
