@@ -6,7 +6,9 @@ The scene is the one of `rtstack impact-map deploy/impacts/grab.toml`; a `Scene`
 from dataclasses import replace
 from importlib.resources import as_file, files
 
-from rtstack.impact_map import impact_map, load_scene
+import numpy as np
+
+from rtstack.impact_map import impact_map, load_scene, problem_from_arrays, single_step
 
 with as_file(files("deploy.impacts") / "grab.toml") as path:
     scene = load_scene(path)
@@ -21,3 +23,8 @@ print(f"the map is {result.converged.status}: {result.converged.detail}")
 heavy = {name: replace(box, mass=2 * box.mass) for name, box in scene.objects.items()}
 result = impact_map(replace(scene, objects=heavy))
 print(f"with a box of twice the mass the left pad rises at {result.twist('left')[2]:.3f} m/s")
+
+# any bodies whose mass matrix and contact Jacobian are known: a planar arm of two links whose end falls to the floor
+M, J = np.array([[3.0, 1.0], [1.0, 1.0]]), np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 1.0]])
+impact = single_step(problem_from_arrays(M, J, velocity=[-0.5, -0.5], friction=0.4))
+print(f"the arm of two links: {impact.velocity.round(3)} rad/s after the impact, {impact.status}, {impact.states[0]}")

@@ -32,8 +32,8 @@ class Assessment:
 class Monitor:
     """The monitor of one arm of n joints. `state` is the record that the log may take.
 
-    Arrays are checked and may be of any layout. Values that are infinite or NaN are taken, and meet no condition: what
-    is no number in `q`, `dq` or `dq_ref` was not meant, and a residual that is none shows no impact.
+    Arrays are checked and may be of any layout. Infinite and NaN are taken, and are unexpected where they are judged:
+    `q` at an impact; residual, `dq` and `dq_ref` from the delay to the horizon after it.
 
     Raises:
         TypeError: Parameters of another kind.
@@ -82,7 +82,11 @@ class Monitor:
 
     def _checked(self, t_ns: ArrayLike, *signals: ArrayLike, ticks: tuple[None, ...] = (None,)) -> list[NDArray[Any]]:
         before = self.state["t_ns"][: int(self.state["ticks"][0] > 0)]
-        return checked_signals(self.parameters["residual_rate"].shape[1], t_ns, *signals, ticks=ticks, before=before)
+        joints = self.parameters["residual_rate"].shape[1]
+        times, residual, q, dq, dq_ref = checked_signals(joints, t_ns, *signals, ticks=ticks, before=before)
+        if not np.isfinite(residual).all():  # an impact may be missed in it: then the motion is not known, either
+            dq = np.where(np.isfinite(residual), dq, np.nan)
+        return [times, residual, q, dq, dq_ref]
 
     def assessment(self) -> Assessment:
         """Return what is known by now."""

@@ -106,8 +106,16 @@ def test_any_layout_of_the_same_numbers_gives_the_same_bits():
     assert expected["verdict"][-1] == Verdict.EXPECTED
 
 
-@pytest.mark.parametrize("name", ["residual", "q", "dq", "dq_ref"])
-def test_what_is_no_number_from_before_the_impact_on_is_unexpected(name):
+@pytest.mark.parametrize(
+    ("name", "ticks"),
+    [*((name, slice(150, None)) for name in ("residual", "q", "dq", "dq_ref")),
+     *((name, slice(230, 231)) for name in ("residual", "dq", "dq_ref")), ("q", slice(200, 201))],
+)  # fmt: skip
+def test_what_is_no_number_where_it_is_judged_is_unexpected(name, ticks):
     signals = recording()
-    signals[name][150:] = np.nan
+    signals[name][ticks, 1] = np.nan
     assert waiting().assess(**signals).verdict is Verdict.UNEXPECTED
+    monitor = waiting()
+    for t_ns, *tick in zip(*(signals[key].tolist() for key in ("t_ns", "residual", "q", "dq", "dq_ref")), strict=True):
+        verdict = monitor.update(t_ns, *tick)
+    assert verdict is Verdict.UNEXPECTED

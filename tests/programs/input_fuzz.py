@@ -4,7 +4,7 @@
 The calls are made in child processes, so that one that ends the interpreter is named by its number; `--first N
 --calls 1` makes it again. Right are a result, and a ValueError, TypeError or SceneError of one line.
 
-Takes 10 minutes a million calls.
+Takes 40 minutes a million calls on an idle core.
 """
 
 import json
