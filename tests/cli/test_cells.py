@@ -1,6 +1,7 @@
 """Cells by their addresses: what is refused, in one line, and what a description says of them."""
 
 import os
+import re
 import socket
 from pathlib import Path
 
@@ -144,3 +145,77 @@ def test_an_unknown_tracker_is_refused_before_a_stack_starts(tmp_path):
         TrialError, match=r"unknown tracker 'camera': choose one of apriltag, natnet, none, udp; see \[tracker\] kind"
     ):
         live_source(file, "fci:127.0.0.11,127.0.0.12")
+
+
+WRONG_CELLS = """
+from hal.tracker import ObjectPose
+from rtstack.cells import CellKind
+
+
+class Tuple:  # here: Tuple
+    def __init__(self, request):
+        pass
+
+    def latest(self):
+        return 1, 2
+
+    def close(self):
+        pass
+
+
+class Fails:
+    def __init__(self, request):
+        raise RuntimeError("camera not plugged in")  # here: Fails
+
+
+def nothing(request):  # here: nothing
+    return None
+
+
+def fails(request):
+    raise OSError("no bench here")  # here: fails
+
+
+def simulated():  # here: simulated
+    return True
+
+
+kind_nothing, kind_fails = (CellKind(each, simulated=lambda argument, description: True) for each in (nothing, fails))
+kind_simulated = CellKind(nothing, simulated=simulated)
+"""
+
+
+def place(name):
+    line = next(k for k, text in enumerate(WRONG_CELLS.splitlines(), 1) if text.endswith(f"# here: {name}"))
+    return rf"\(wrong_cells 1\.2, wrong_cells\.py:{line}\); mend it there, or uninstall the package"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nothing", "open: TypeError: it returned a NoneType, not a hal.cell.Cell"),
+        ("fails", "open: OSError: no bench here"),
+        ("simulated", r"simulated: TypeError: simulated\(\) takes 0 positional arguments but 2 were given"),
+    ],
+)
+def test_a_wrong_kind_of_cell_names_its_package_file_and_line(install, command_line, tmp_path, name, said):
+    install("wrong_cells", WRONG_CELLS, "rtstack.cells", wrong=f"kind_{name}")
+    done = command_line("teach", "ref.mcap", "--cell", "wrong", cwd=tmp_path)
+    assert done.returncode == 2
+    assert re.search(f"^rtstack: the cell wrong cannot be used: {said} {place(name)}$", done.stderr, re.M), done.stderr
+    assert not list(tmp_path.glob("*.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nothing", "TypeError: NoneType has no latest, no close"),
+        ("Fails", "RuntimeError: camera not plugged in"),
+        ("Tuple", "TypeError: latest returned a tuple, not a hal.tracker.ObjectPose"),
+    ],
+)
+def test_a_wrong_tracker_names_its_package_file_and_line(install, tmp_path, name, said):
+    install("wrong_cells", WRONG_CELLS, "rtstack.trackers", wrong=name)
+    described = load_cell_description(edited(tmp_path, "[tracker]\n", '[tracker]\nkind = "wrong"\n'))
+    with pytest.raises(TrialError, match=f"^the tracker wrong cannot be opened: {said} {place(name)}$"):
+        open_cell(NOWHERE, "rice_box", 0.0, 0, described)

@@ -146,7 +146,8 @@ def test_a_policy_without_an_answer_that_can_be_followed_stops_the_arms_as_a_los
     assert told(log, said)
     if defect is raises:  # its own words, and where
         at = raises.__code__.co_firstlineno + 1
-        assert f"RuntimeError: a defect of the policy's own ({__file__}:{at})" in result.failure_reason
+        place = f"(test_policies.py:{at}); mend it there"
+        assert f"RuntimeError: a defect of the policy's own {place}" in result.failure_reason
     elif said:
         assert said in result.failure_reason
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.02
