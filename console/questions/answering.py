@@ -18,8 +18,7 @@ from typing import Any
 
 from console.child_process import stand_back
 from console.questions.trial_path import path_of
-from rtstack.calibration.outcome import outcome
-from rtstack.calibration.points import load_points
+from rtstack.calibration.points import load_points, outcome
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.run import fastest_playback
 from rtstack.references.recording import ReferenceError

@@ -94,8 +94,7 @@ def calibrate(
 ) -> None:
     """Find bases, tracker, pads and payloads from points that the pads touch, and say how well."""
     from rtstack.calibration.fit import CalibrationError
-    from rtstack.calibration.outcome import outcome
-    from rtstack.calibration.points import check_arms, load_points
+    from rtstack.calibration.points import check_arms, load_points, outcome
     from rtstack.calibration.points import write as write_cell_file
     from rtstack.cells import load_description
     from rtstack.cells.commissioning import sign as sign_step

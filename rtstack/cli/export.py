@@ -15,7 +15,7 @@ from rtstack.cli.tables import print_table
 from rtstack.log.errors import LogError
 
 if TYPE_CHECKING:
-    from rtstack.datasets.selection import Candidate
+    from rtstack.datasets.episode import Candidate
 
 commands = typer.Typer()
 _FILTER = (

@@ -14,8 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rtstack.datasets.episode import Episode, read_episode
-from rtstack.datasets.selection import Candidate, select, unreadable
+from rtstack.datasets.episode import Candidate, Episode, read_episode, select, unreadable
 from rtstack.log.errors import LogError
 
 _OURS = re.compile(r"unfinished|whole|(\d{6}-)?[0-9a-f]{16}-[\w-]+")  # what an export leaves in OUT.partial

@@ -1,7 +1,7 @@
 """From the samples of sweeps to friction: what the feedback had to add, as a function of the joint's velocity.
 
 With friction compensation off, feedback makes up for friction, (30). The paper averages it over runs, (31), as a
-function of time (rtstack.papers.impact_maps.reference does so on top of this). Here it is a sigmoid of the velocity,
+function of time (rtstack.papers.impact_maps.worker does so on top of this). Here it is a sigmoid of the velocity,
 which serves every reference, fitted to all ticks of all runs, together with the errors of the robot's gravity
 compensation, which is kept, and of the joint's inertia, which is not: they must not pass for friction.
 """

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from hal.tracker import TrackerFrames
 from hal.tracker_link import DATAGRAM, TrackerLink
 from rtstack.calibration.fit import CalibrationError, SidesSwapped, calibrate
-from rtstack.calibration.outcome import outcome
 from rtstack.calibration.payload import payload
-from rtstack.calibration.points import Point, changes, nominal_geometry, observations
+from rtstack.calibration.points import Point, changes, nominal_geometry, observations, outcome
 from rtstack.cells import load_description
 from rtstack.model.arm_model import ArmModel, build_model
 from rtstack.model.tracker_description import TrackedBody

@@ -9,11 +9,11 @@ import pytest
 import zarr
 from mcap.reader import make_reader
 
+from rtstack.datasets.episode import select
 from rtstack.datasets.export import NothingToExport, export
 from rtstack.datasets.hdf5 import Hdf5
 from rtstack.datasets.lerobot import LeRobot
 from rtstack.datasets.lerobot_import import import_episode
-from rtstack.datasets.selection import select
 from rtstack.datasets.zarr import Zarr
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rtstack.papers.impact_maps.feedback import AFTER_S
-from rtstack.papers.impact_maps.reference import WINDOW, average, residual
+from rtstack.papers.impact_maps.worker import WINDOW, average, residual
 from rtstack.planning import PushPlan, plan_grab, plan_push
 from rtstack.planning.free import PlanPhase, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers, default_parameters
-from rtstack.trials.motion import run_motion
+from rtstack.trials.move import run_motion
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import load_plant_parameters

@@ -19,7 +19,6 @@ from rtstack.cells import load_description
 from rtstack.experiments.registry import plan_file
 from rtstack.impact_map import MapKind
 from rtstack.papers.conditions import LOGS, RECORDINGS
-from rtstack.papers.impact_maps import reference as references
 from rtstack.papers.impact_maps import worker
 from rtstack.papers.impact_maps.evaluation import zero_feedback
 from rtstack.papers.impact_maps.plan import JointFriction, PlannedReference, ValidationTrial, load_validation_plan
@@ -50,14 +49,14 @@ def estimate(bench, plan, asked, number, parts):
         return replace(impact, twist=twist)
 
     grab.grab_impact = mixed
-    references._planned.cache_clear()
+    worker._planned.cache_clear()
     worker._prepared.cache_clear()
     try:
         points = []
         for scale in SCALES:
             grab_of = (*asked, scale)
             reference = PlannedReference(number, Motion.GRAB, *grab_of, True, False, MapKind.CONVERGED)
-            if reason := references.plan_reference(bench, reference, scenario):
+            if reason := worker.plan_reference(bench, reference, scenario):
                 raise SystemExit(reason)
             trial = ValidationTrial("nominal", Motion.GRAB, *grab_of, 0, 5, number)
             (row,) = worker.run(bench, trial, reference, scenario.gains, conditions)

@@ -5,7 +5,7 @@ from rtstack.experiments.registry import plan_file
 from rtstack.impact_map import MapKind
 from rtstack.papers.impact_maps.feedback import SWING_S
 from rtstack.papers.impact_maps.plan import load_validation_plan
-from rtstack.papers.impact_maps.reference import WINDOW
+from rtstack.papers.impact_maps.worker import WINDOW
 from rtstack.planning.grab import COAST_S, GIVE_S, SQUEEZE_S
 from rtstack.planning.joints import REPAY_TICKS
 from rtstack.planning.request import GrabPlan

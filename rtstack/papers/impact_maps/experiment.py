@@ -104,7 +104,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     def _identify_along(self) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
         """Make what is missing of the runs along the references; return what could not be made, and why."""
-        from rtstack.papers.impact_maps.reference import identify_along
+        from rtstack.papers.impact_maps.worker import identify_along
 
         plan, folder = self.specification, self.request.out / SWEEPS
         missing = {one.file: one for one in plan.free_runs() if not (folder / one.file).exists()}
@@ -120,7 +120,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     def _run_free(self, missing: Iterable[FreeRuns]) -> Generator[Stage, dict[str, str], dict[FreeRuns, str]]:
         """Have the arms make the runs that have no log yet. Returns why, of those that cannot be made."""
-        from rtstack.papers.impact_maps.reference import free_run_on_arms, identify_along
+        from rtstack.papers.impact_maps.worker import free_run_on_arms, identify_along
         from rtstack.trials.review import has_succeeded
 
         plan, folder = self.specification, self.request.out / SWEEPS
@@ -135,7 +135,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     def _plan_references(self, not_identified: dict[FreeRuns, str]) -> Stages:
         """Plan what is missing; a reference along which nothing could be identified is refused, too."""
-        from rtstack.papers.impact_maps.reference import plan_reference
+        from rtstack.papers.impact_maps.worker import plan_reference
 
         plan, folder = self.specification, self.request.out / RECORDINGS
         self.refused = {

@@ -9,12 +9,11 @@ import pytest
 from hal.base.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.model.arm_model import ArmModel
-from rtstack.papers.aim_aware.arm.hits import hit_case, plan_case, prepare_hit
 from rtstack.papers.aim_aware.arm.study import ArmRun, load_arm_run
 from rtstack.papers.aim_aware.arm.tuning import separated
-from rtstack.papers.aim_aware.arm.worker import judged_case, learned_at, run_cases
+from rtstack.papers.aim_aware.arm.worker import hit_case, judged_case, learned_at, plan_case, prepare_hit, run_cases
 from rtstack.papers.aim_aware.claims import LETTERS, evaluated
-from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.platform.plan import AXES, face_jacobian
 from rtstack.papers.aim_aware.tuning import Need
 

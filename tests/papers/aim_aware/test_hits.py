@@ -13,10 +13,9 @@ from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.model.cell_description import load_cell_description
 from rtstack.papers.aim_aware.arm.experiment import PlatformStudy
-from rtstack.papers.aim_aware.arm.hits import hit_case, plan_case, prepare_hit
 from rtstack.papers.aim_aware.arm.study import STUDY, ArmRun, LogFolder, load_arm_run, platform_cell_file
-from rtstack.papers.aim_aware.arm.worker import judged_case, row_of_log, run_cases
-from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.arm.worker import hit_case, judged_case, plan_case, prepare_hit, row_of_log, run_cases
+from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.platform.hit import hit_parameters, ticks_of
 from rtstack.trials.review import log_columns, review_log
 from tests.support.fci.server import serve

@@ -21,8 +21,7 @@ from rtstack.papers.impact_maps.evaluation import tables
 from rtstack.papers.impact_maps.experiment import Validation
 from rtstack.papers.impact_maps.plan import DIRECTIONS, SWEEPS, JointFriction, load_validation_plan
 from rtstack.papers.impact_maps.prediction import MapKind
-from rtstack.papers.impact_maps.reference import plan_reference
-from rtstack.papers.impact_maps.worker import friction_file
+from rtstack.papers.impact_maps.worker import friction_file, plan_reference
 from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml
