@@ -19,7 +19,7 @@ from console.templates import TEMPLATES, mode_sheet, show, sign_in_page
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Reaction
 from rtstack.teleoperation import reach
-from rtstack.trials.controllers import DEFAULT, controller_names
+from rtstack.trials.controllers import DEFAULT, controller_names, detector_names
 
 router = APIRouter(include_in_schema=False)
 
@@ -31,7 +31,11 @@ _PANEL_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; form-action 'none'; base-uri 'none'; frame-ancestors 'self'"
 )
-_CHOICES = {"controllers": controller_names(), "reactions": [str(name) for name in Reaction]}
+_CHOICES = {
+    "controllers": controller_names(),
+    "detectors": detector_names(),
+    "reactions": [str(name) for name in Reaction],
+}
 
 
 @router.get("/static/css/modes.css", response_class=Response)

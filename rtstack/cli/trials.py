@@ -3,6 +3,7 @@
 import os
 import sys
 import webbrowser
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +17,16 @@ from rtstack.cli.plot import plot
 from rtstack.cli.review import review
 from rtstack.log.errors import LogError
 from rtstack.samples import LawInertia, Reaction
-from rtstack.trials.controllers import DEFAULT, controller_names, known_controller
+from rtstack.trials.controllers import (
+    CONTROLLERS,
+    DEFAULT,
+    DEFAULT_DETECTOR,
+    DETECTORS,
+    Point,
+    controller_names,
+    detector_names,
+    known,
+)
 from rtstack.trials.specification import DemonstrationSpecification, PlaybackSpecification, TrialSpecification
 
 if TYPE_CHECKING:
@@ -27,19 +37,30 @@ OBJECT, DISPLACEMENT_MM = "rice_box", -30.0  # of the demo
 Asked = dict[str, Any] | None  # filled by asks_for
 
 
-def _controller(name: str) -> str:
-    try:
-        return known_controller(name)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+def _known(point: Point) -> Callable[[str], str]:
+    def check(name: str) -> str:
+        try:
+            return known(point, name)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    return check
 
 
 ControllerChoice = Annotated[
     str,
     typer.Option(
         metavar=f"[{'|'.join(controller_names())}]",
-        callback=_controller,
+        callback=_known(CONTROLLERS),
         help="The proposed controller, a baseline, contact_completion, or one of another package.",
+    ),
+]
+DetectorChoice = Annotated[
+    str,
+    typer.Option(
+        metavar=f"[{'|'.join(detector_names())}]",
+        callback=_known(DETECTORS),
+        help="What detects impacts, and so changes the mode: Appendix B's, or one of another package.",
     ),
 ]
 Law = Annotated[
@@ -135,6 +156,7 @@ def trial(
     yaw_deg: options.Yaw = 0.0,
     seed: options.Seed = 0,
     law_inertia: Law = None,
+    detector: DetectorChoice = DEFAULT_DETECTOR,
     asked: Asked = None,
     log: options.LogOut = None,
     cell: options.CellKind = "direct",

@@ -17,7 +17,7 @@ from hal.extensions import package_of
 from rtstack.experiments.plan_file import PlanFile, digest_of
 from rtstack.experiments.report import Report
 from rtstack.experiments.task import digests
-from rtstack.trials.controllers import CONTROLLERS
+from rtstack.trials.controllers import CONTROLLERS, DETECTORS
 from rtstack.trials.errors import TrialError
 
 if TYPE_CHECKING:
@@ -133,9 +133,10 @@ class Results:
 
 
 def _plug_ins(kind: type, specification: Any) -> list[str]:
-    """Return name and version of the other packages that a plan's kind and its controllers come from."""
+    """Return name and version of the other packages that a plan's kind, controllers and detectors come from."""
     plan = json.dumps(asdict(specification), default=str)
-    named = (CONTROLLERS.package(name) for name in CONTROLLERS.names() if f'"{name}"' in plan)
+    offered = [(point, name) for point in (CONTROLLERS, DETECTORS) for name in point.names()]
+    named = (point.package(name) for point, name in offered if f'"{name}"' in plan)
     found = {" ".join(package) for package in named if package[0] != "rtstack"} | {package_of(kind.__module__)}
     return sorted(found - {""})
 

@@ -93,7 +93,9 @@ class FaultNotes:
 def plug_ins_of(controller: Controller) -> tuple[object, ...]:
     """Return the functions of a controller that a tick calls, and that another author may have written."""
     laws = getattr(controller, "laws", None) or ()
-    return (*(getattr(law, "command", law) for law in laws), controller.machine.update, controller.command)
+    detectors = (getattr(arm, "detector", None) for arm in controller.arms)
+    called = (*(getattr(law, "command", law) for law in laws), *(each.update for each in detectors if each is not None))
+    return (*called, controller.machine.update, controller.command)
 
 
 def explained(judge: SafetyJudge, sample: NDArray[np.void], called: Sequence[object]) -> str:

@@ -12,6 +12,7 @@ from hal.base.configuration import STRICT, NotNegative, Positive
 from rtstack.cells import IDEAL
 from rtstack.references.demonstration import Grab
 from rtstack.samples import LawInertia
+from rtstack.trials.controllers import DEFAULT_DETECTOR, DetectorName
 
 GRAVITY_M_S2 = 9.81
 RECORDINGS, LOGS = "references", "logs"  # folders of a campaign
@@ -56,7 +57,7 @@ class Conditions:
     pad_stiffness N/m; friction coefficients; friction_scatter: a fraction of pads' and table's; tau_ext_cutoff_hz:
     of the robot's filter of external torques; speed_m_s: of the pads at the object's surface in the demonstration.
     profile: of the simulated robot. hand: of the demonstration. law_inertia: in demonstration and trial. None: the
-    variation's own, or the cell's.
+    variation's own, or the cell's. detector: of impacts in the trial.
     """
 
     pad_stiffness: Positive
@@ -70,11 +71,12 @@ class Conditions:
     profile: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] = IDEAL
     hand: Hand | None = None
     law_inertia: LawInertia | None = None
+    detector: DetectorName = DEFAULT_DETECTOR
 
     @property
     def plant(self) -> "Conditions":
         """What of them is the robot's and the table's, which no controller can set: the rest as by default."""
-        return replace(self, speed_m_s=None, hand=None, law_inertia=None)
+        return replace(self, speed_m_s=None, hand=None, law_inertia=None, detector=DEFAULT_DETECTOR)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.extensions import blaming, defined_at, require
-from rtstack.control.controller import ArmLaw, Controller
+from rtstack.control.controller import ArmLaw, Controller, Detector
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import (
     CompletionParameters,
@@ -32,7 +32,7 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import load_friction
 from rtstack.trials.tightening import limits_of_arms
 
-_WARM: set[object] = set()  # (law, monitored, arms) whose code has run in this process
+_WARM: set[object] = set()  # (law, detector, monitored, arms) whose code has run in this process
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +135,8 @@ class ControllerRequest:
 
 
 ControllerFactory = Callable[[ControllerRequest], Controller]
+DetectorFactory = Callable[[ArmController], Detector | None]
+"""Makes the impact detector of an arm, new for each run; None: the one of Appendix B, which is in the observation."""
 
 
 def following(strategy: Strategy) -> ControllerFactory:
@@ -144,14 +146,19 @@ def following(strategy: Strategy) -> ControllerFactory:
 
 def cell_controller(
     cell: CellDescription, parameters: Parameters, factory: ControllerFactory, nominal_impact_s: float,
-    watched: Watched | None = None, limits: PairLimits | None = None,
+    watched: Watched | None = None, limits: PairLimits | None = None, detector: DetectorFactory | None = None,
 ) -> Controller:  # fmt: skip
     """Return a new controller whose code has already run once in this process, on a controller that is discarded."""
 
     def controller() -> Controller:
-        request = ControllerRequest(
-            cell, parameters, arm_controllers(cell, parameters, limits), nominal_impact_s, watched
-        )
+        arms = arm_controllers(cell, parameters, limits)
+        if detector is not None:
+            with blaming("the impact detector cannot be made", detector, error=TrialError):
+                for arm in arms:
+                    arm.detector = detector(arm)
+                    if arm.detector is not None:
+                        require(arm.detector, "update")
+        request = ControllerRequest(cell, parameters, arms, nominal_impact_s, watched)
         with blaming("the controller cannot be made", factory, error=TrialError):
             made = factory(request)
             require(made, "follow", "observe", "decide", "command", "finish")
@@ -164,7 +171,8 @@ def cell_controller(
 
     made = controller()
     ours = isinstance(made, CellController) and made.laws is None and not defined_at(factory)
-    code = (None if ours else factory, watched is None, len(made.arms))
+    own_detector = detector if any(getattr(arm, "detector", None) is not None for arm in made.arms) else None
+    code = (None if ours else factory, own_detector, watched is None, len(made.arms))
     if code not in _WARM:
         with blaming(
             "the controller fails in its first tick, before any arm moves", *plug_ins_of(made), error=TrialError

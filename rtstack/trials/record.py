@@ -28,7 +28,7 @@ from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES, LawInertia
-from rtstack.trials.controllers import controller_package
+from rtstack.trials.controllers import CONTROLLERS, DETECTORS, package_of_choice
 from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import DemonstrationSpecification, Specification, TrialSpecification
@@ -270,12 +270,11 @@ def free_name(logs: Path, stem: str) -> Path:
 
 
 def _versions(specification: Specification) -> dict[str, str]:
-    """Return the versions of what shapes a result, the controller's package included."""
-    versions = package_versions()
+    """Return the versions of what shapes a result, the packages of controller and detector included."""
     if not isinstance(specification, TrialSpecification):
-        return versions
-    package, version = controller_package(specification.controller)
-    return {package: version} | versions
+        return package_versions()
+    chosen = ((CONTROLLERS, specification.controller), (DETECTORS, specification.detector))
+    return dict(package_of_choice(point, name) for point, name in chosen) | package_versions()
 
 
 def trial_metadata(

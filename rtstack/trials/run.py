@@ -28,6 +28,7 @@ from rtstack.samples import Level, QpSolver
 from rtstack.trials.assembly import (
     ControllerFactory,
     ControllerRequest,
+    DetectorFactory,
     Parameters,
     Watched,
     arm_controllers,
@@ -165,12 +166,14 @@ class Run:
     def follow(
         self, cell: Cell, factory: ControllerFactory = _PROPOSED, nominal_impact_s: float = 0.0,
         watched: Watched | None = None, settle: Callable[[Cell, End], str] | None = None,
+        detector: DetectorFactory | None = None,
     ) -> SessionOutcome:  # fmt: skip
         """Follow the plan on the cell to its end, by default with the proposed strategy, no impact meant. settle: does
-        something about a load that is still held, and says what in one line."""
+        something about a load that is still held, and says what in one line. detector: of impacts, in the place of
+        Appendix B's."""
         self._cell, self._limits = cell.name, limits_of_cell(self._limits, cell)
         controller = cell_controller(
-            self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
+            self._description, self._parameters, factory, nominal_impact_s, watched, self._limits, detector
         )
         self.monitor = controller.monitor
         publisher = self._publisher = Publisher(

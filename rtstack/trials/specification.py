@@ -18,7 +18,7 @@ from pydantic.json_schema import SkipJsonSchema
 from hal.displacement import Displacement
 from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat, problem
 from rtstack.samples import LawInertia, Reaction
-from rtstack.trials.controllers import DEFAULT, ControllerName
+from rtstack.trials.controllers import DEFAULT, DEFAULT_DETECTOR, ControllerName, DetectorName
 from rtstack.trials.errors import TrialError
 
 MOST_SEED = 2**32 - 1  # the seeds of campaigns have 32 bits (rtstack.experiments.seeds)
@@ -93,7 +93,8 @@ class _Asked:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class TrialSpecification(_Asked):
-    """One trial. reference: path of a recording or plan; controller: a name of rtstack.trials.controllers.
+    """One trial. reference: path of a recording or plan; controller, detector (of impacts, by default Appendix B's):
+    names of rtstack.trials.controllers.
     displacement_mm, displacement_x_mm, yaw_deg: shift of the object along the world's y and x, and its turn about z, in
     the plant only: the controller does not receive them. safety: limits of the judge that this trial tightens further
     (rtstack.trials.tightening). reaction: to an unexpected impact. law_inertia: mass matrix of the controller's law;
@@ -113,6 +114,7 @@ class TrialSpecification(_Asked):
     yaw_deg: YawDeg = 0.0
     law_inertia: LawInertia | None = None
     shadow: StrictBool = False
+    detector: DetectorName = DEFAULT_DETECTOR
 
     @property
     def displacement(self) -> Displacement:

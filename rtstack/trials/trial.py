@@ -23,7 +23,7 @@ from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level, Mode, Reaction
 from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, arm_controllers, cell_parameters, with_law
 from rtstack.trials.carry_out import PreparedRun
-from rtstack.trials.controllers import OwnController, controller_factory
+from rtstack.trials.controllers import OwnFactory, controller_factory, detector_factory
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
 from rtstack.trials.followed import Followed
@@ -99,11 +99,12 @@ def prepare_trial(
     specification names the inertia of the law, also where the cell or `parameters` decided. controller: in the place
     of the specification's. Raises TrialError with one line, also for a reaction that nothing could start."""
     if controller is not None:
-        specification = replace(specification, controller=OwnController(controller))
+        specification = replace(specification, controller=OwnFactory(controller))
     parameters = with_law(parameters or cell_parameters(description), specification.law_inertia)
     specification = replace(specification, law_inertia=parameters.inertia.law_inertia)
     check_object(specification.object, description)
     controller_factory(specification.controller)
+    detector_factory(specification.detector)
     limits = limits_of_arms(description, specification.safety)
     try:
         reference = load_reference(
@@ -176,10 +177,10 @@ def run_trial(
             run.run_event(RunEvent(Level.INFO, "verdict", f"watched as {prepared.tuned_by} says"))
         if prepared.shadow:
             run.run_event(RunEvent(Level.WARNING, "shadow", "torques are computed and judged, and none is sent"))
-        factory = controller_factory(specification.controller)
+        factory, detector = controller_factory(specification.controller), detector_factory(specification.detector)
         settle = partial(settle_load, prepared.description, specification.object, context)
         settle = None if prepared.shadow else settle
-        outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared), settle)
+        outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared), settle, detector)
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,

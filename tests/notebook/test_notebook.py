@@ -17,7 +17,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import ObjectDescription
 from rtstack.teleoperation.policy import Chunk
-from rtstack.trials.controllers import OwnController, controller_factory
+from rtstack.trials.controllers import OwnFactory, controller_factory
 from rtstack.trials.errors import TrialError
 from rtstack.trials.specification import TrialSpecification, specification_of
 from rtstack.trials.trial import prepare_trial
@@ -63,13 +63,13 @@ def test_a_function_runs_as_the_same_controller_that_a_package_offers(demonstrat
 def test_what_is_imported_from_a_package_has_its_version(cell, demonstration):
     prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell, controller=np.linalg.norm)
     assert prepared.specification.controller == "numpy.linalg.norm"
-    from rtstack.trials.controllers import controller_package
+    from rtstack.trials.controllers import CONTROLLERS, package_of_choice
 
-    assert controller_package(prepared.specification.controller) == ("numpy", np.__version__)
+    assert package_of_choice(CONTROLLERS, prepared.specification.controller) == ("numpy", np.__version__)
 
 
 def test_a_partial_function_has_its_arguments_in_the_name():
-    own = OwnController(partial(no_interim, impact_later_s=0.05))
+    own = OwnFactory(partial(no_interim, impact_later_s=0.05))
     assert own == f"{NAME}(impact_later_s=0.05)"
     for same in (
         copy.deepcopy(own),
@@ -78,7 +78,7 @@ def test_a_partial_function_has_its_arguments_in_the_name():
     ):
         assert same == own
         assert controller_factory(same).keywords == {"impact_later_s": 0.05}
-    slashed = TrialSpecification("a", controller=OwnController(partial(no_interim, "/a b")))
+    slashed = TrialSpecification("a", controller=OwnFactory(partial(no_interim, "/a b")))
     assert slashed.log_stem == f"trial-{NAME}_a_b_-rice_box"
 
 

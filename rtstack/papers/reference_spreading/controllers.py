@@ -1,8 +1,12 @@
-"""The paper's controllers as entry points: proposed, its three baselines (part V), contact completion (part VI)."""
+"""The paper's controllers as entry points: proposed, its three baselines (part V), contact completion (part VI).
+
+Its impact detector, Appendix B, is one, too: it is a part of each arm's observation.
+"""
 
 from enum import StrEnum
 
 from rtstack.control.modes import Strategy
+from rtstack.control.tick import ArmController
 from rtstack.trials.assembly import following
 
 
@@ -21,6 +25,10 @@ no_reference_spreading = following(Strategy.NO_REFERENCE_SPREADING)
 no_velocity_feedback = following(Strategy.NO_VELOCITY_FEEDBACK)
 no_interim = following(Strategy.NO_INTERIM)
 contact_completion = following(Strategy.CONTACT_COMPLETION)
+
+
+def appendix_b(arm: ArmController) -> None:
+    """Leave the impact detector of an arm as it is."""
 
 
 NAMES = {

@@ -66,7 +66,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
         if request.cell not in SIMULATED and len(plants) > 1:
             raise TrialError(
                 f"{specification.name} compares conditions that arms cannot be given, such as friction or profile: on "
-                "arms give a plan whose conditions differ in law_inertia, hand or speed_m_s"
+                "arms give a plan whose conditions differ in law_inertia, detector, hand or speed_m_s"
             )
         if request.profile is not None:
             specification = specification.under(request.profile)

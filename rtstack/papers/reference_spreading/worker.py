@@ -30,11 +30,12 @@ def _prepared(bench: Bench, reference: Reference, law: LawInertia | None) -> Pre
 def _of_trial(bench: Bench, trial: Trial, conditions: Conditions) -> tuple[PreparedTrial, TrialSpecification]:
     reference = Reference.named(trial.reference)
     prepared, recording = _prepared(bench, reference, conditions.law_inertia), Path(RECORDINGS) / reference.file
-    return prepared, like(TrialSpecification, trial, reference=str(recording), law_inertia=conditions.law_inertia)
+    chosen = {"law_inertia": conditions.law_inertia, "detector": conditions.detector}
+    return prepared, like(TrialSpecification, trial, reference=str(recording), **chosen)
 
 
 def on_arms(bench: Bench, trial: Trial, conditions: Conditions) -> CellRun:
-    """Return a trial as a run on a cell's arms. Of the conditions, the law's inertia is the controller's."""
+    """Return a trial as a run on a cell's arms. Of the conditions, law and detector are the controller's."""
     prepared, specification = _of_trial(bench, trial, conditions)
     specification = replace(specification, reference=str(bench.out / specification.reference))
     return CellRun(
