@@ -1,13 +1,15 @@
 """Panels of another package in a real Chromium: one shows live data; hostile ones reach nothing, and STOP works."""
 
 import re
+import shutil
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Frame, Page, expect
 
-from tests.browser.test_look import PICTURED, PICTURES, WRITE, _picture, misplaced, violations
+from tests.browser.test_look import PICTURED, PICTURES, WINDOWS, WRITE, _picture, misplaced, violations
 from tests.browser.test_stop_anywhere import arriving
 from tests.support.console.stage import Stage, on_stage
 from tests.support.plugin import installed
@@ -15,7 +17,11 @@ from tests.support.plugin import installed
 pytestmark = pytest.mark.browser
 PATIENCE_MS = 60_000
 ATTEMPTS = 19
+LEFT_OUT = """for (const section of document.querySelectorAll("[data-panel]"))
+    if (!["forces", "wrong"].includes(section.dataset.panel)) section.hidden = true"""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "plugin"
 OFFERS = """[rtstack.panels]
+forces = joint_tracking.panel:panel
 hostile = panels_of_lab:HOSTILE
 leaving = panels_of_lab:LEAVING
 looping = panels_of_lab:LOOPING
@@ -89,8 +95,9 @@ WRONG = "no panel"
 
 @pytest.fixture(scope="module")
 def stage(browser, demonstration, tmp_path_factory) -> Iterator[Stage]:
-    """A console beside which a package of six panels is installed."""
+    """A console beside which a package of seven panels is installed."""
     package = tmp_path_factory.mktemp("package")
+    shutil.copytree(EXAMPLE / "joint_tracking", package / "joint_tracking")
     with (
         installed(package, OFFERS, {"panels_of_lab": MODULE}),
         on_stage(browser, demonstration, tmp_path_factory.mktemp("stage") / "logs") as stage,
@@ -191,17 +198,19 @@ def test_the_page_of_panels_in_both_themes_and_every_window(stage, tmp_path):
     page = stage.page
     wrong = {}
     for theme in ("light", "dark"):
-        only(page, "showing", "wrong")
+        only(page, "forces", "wrong")
         if page.get_attribute("html", "data-theme") != theme:
             page.click("#theme")
-            only(page, "showing", "wrong")
-        shown = page.frame_locator("[data-panel=showing] iframe").locator("#shown")
-        expect(shown).to_have_text(re.compile(r"^disarmed \d+$"), timeout=PATIENCE_MS)
-        for (width, height), folder in PICTURED.items():
+            only(page, "forces", "wrong")
+        forces = page.frame_locator("[data-panel=forces] iframe").locator("#arms")
+        expect(forces).to_contain_text("at most 0.0 N", timeout=PATIENCE_MS)
+        page.evaluate(LEFT_OUT)
+        for width, height in WINDOWS:
             page.set_viewport_size({"width": width, "height": height})
             if found := misplaced(page) + violations(page):
                 wrong[theme, width] = found
-            _picture(page, "panels", (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
+            if (folder := PICTURED.get((width, height))) is not None:
+                _picture(page, "panels", (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
     assert not wrong, "\n".join(f"{where}: {what}" for where, what in wrong.items())
 
 

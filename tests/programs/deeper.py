@@ -32,7 +32,10 @@ LOOKS: dict[str, tuple[dict[str, str], list[tuple[str, ...]]]] = {
         [(*PYTEST, "--hypothesis-show-statistics", "tests/safety/test_arming.py")],
     ),
     "fuzz-api": ({"RTSTACK_FUZZ_SECONDS": "200"}, [(*PYTEST, "-s", "tests/console/test_api_schema.py")]),
-    "screenshots": ({"RTSTACK_SCREENSHOTS": "1"}, [(*PYTEST, "-m", "long or not long", "tests/browser/test_look.py")]),
+    "screenshots": (
+        {"RTSTACK_SCREENSHOTS": "1"},
+        [(*PYTEST, "-m", "long or not long", "tests/browser/test_look.py", "tests/browser/test_panels_page.py")],
+    ),
     "docs-commands": ({"RTSTACK_DOCS": "all"}, [(*PYTEST, "tests/docs/test_commands.py")]),
 }
 

@@ -71,11 +71,19 @@ def installed() -> list[tuple[str, str]]:
     return [(name, " ".join(ANALYSES.package(name))) for name in ANALYSES.names()]
 
 
-def analyse(log: Log, name: str) -> tuple[Analysed, tuple[Curve, ...]]:
-    """Return what an analysis says of a log, and its curves. What it raises becomes its `error`."""
-    package, function = " ".join(ANALYSES.package(name)), None
+def analyse(
+    log: Log, name: str, function: Callable[[Log], Any] | None = None
+) -> tuple[Analysed, tuple[Curve, ...]]:  # fmt: skip
+    """Return what an analysis says of a log, and its curves. What it raises becomes its `error`.
+
+    Args:
+        log: The log.
+        name: Of an installed analysis, or how the function shall be called.
+        function: The analysis itself, where none is installed under the name.
+    """
+    package = "" if function else " ".join(ANALYSES.package(name))
     try:
-        function = ANALYSES.load(name)
+        function = function or ANALYSES.load(name)
         found = _checked(name, function(log))
     except ExtensionError as error:
         return Analysed(name, package, error=str(error)), ()
