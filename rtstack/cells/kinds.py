@@ -8,7 +8,7 @@ from typing import Any
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from hal.extensions import ExtensionError, ExtensionPoint, blaming
+from hal.extensions import ExtensionError, ExtensionPoint, blaming, require
 from rtstack.cells.description import load_description
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
@@ -79,6 +79,10 @@ def _guarded(name: str, what: str, function: Callable[..., Any]) -> Callable[...
             made = function(*arguments)
             if what == "open" and not isinstance(made, Cell):
                 raise TypeError(f"it returned a {type(made).__name__}, not a hal.cell.Cell")
+            if what == "open":
+                require(made.tracker, "latest")
+                for sensor in made.sensors:
+                    require(sensor, "read")
             return made
 
     return call

@@ -314,7 +314,8 @@ def test_an_exception_between_two_ticks_stops_too(stage):
             raise BrokenPipeError("nobody reads any more")
 
     stage.play(progress=progress).stops(
-        r"^an exception in the control loop: BrokenPipeError: nobody reads any more \(test_watchdogs\.py:\d+\); mend it there$"
+        r"^an exception in the control loop: BrokenPipeError: nobody reads any more "
+        r"\(test_watchdogs\.py:\d+\); mend it there$"
     )
 
 
