@@ -217,10 +217,11 @@ def _trial_line(result: "TrialResult") -> str:
     lift = "not observed" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
     shift = Displacement.given(result.displacement_mm, result.displacement_x_mm, result.yaw_deg)
     norm = "-" if result.average_force_norm is None else f"{result.average_force_norm:.1f}"
+    python = f" (plain Python, an arm: {result.plain_python})" if result.plain_python else ""
     return (
         f"{outcome} | {result.controller}, {result.object}, {shift.in_words}, seed {result.seed} | "
         f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s), {verdict} | mean force norm {norm} | "
-        f"lift {lift} | compute p50 {result.compute_us_p50:.0f} us | {result.real_time_factor:.1f} x real time"
+        f"lift {lift} | compute p50 {result.compute_us_p50:.0f} us{python} | {result.real_time_factor:.1f} x real time"
     )
 
 

@@ -33,7 +33,7 @@ class TrialResult(Result):
     is expected, unexpected or none (not known before the trial ended), None where no monitor judged; impact_reason is
     the first condition that was not met and impact_kind what it probably was; impact_margin is 1 where all was as meant
     and negative beyond a bound. real_time_factor: robot's seconds over the host's, from the first tick to the last,
-    logging included."""
+    logging included. plain_python: tasks and limits of an arm's QP that are not compiled, with their time in a tick."""
 
     controller: str
     object: str
@@ -63,6 +63,7 @@ class TrialResult(Result):
     displacement_x_mm: float = 0.0
     yaw_deg: float = 0.0
     object_observed: bool = True
+    plain_python: str | None = None
 
     @property
     def warning(self) -> str:

@@ -13,6 +13,7 @@ from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.sensor import Sensor
 from rtstack.control.modes import Strategy
+from rtstack.control.qp_law import QpLaw
 from rtstack.control.watch import TrialMonitor
 from rtstack.log.time_of_day import take_pair
 from rtstack.log.writing.job import Attachment, Evidence
@@ -135,6 +136,7 @@ class Run:
         self.first_impact_s: float | None = None
         self.monitor: TrialMonitor | None = None
         self.kind: Unexpected | None = None
+        self.plain_python: str | None = None  # of an arm's QP, and what it takes of a tick
         self.failed: str | None = None  # why an operator's program has, by the event that it reported so
         self._run_events: list[RunEvent] = []
         self._began_ns = 0  # the way to the start, by the robot's time
@@ -194,6 +196,9 @@ class Run:
                 outcome = session.run()
                 self._keep_evidence(outcome, self.history.columns())
         self._say_kind(outcome)
+        laws = [law for law in getattr(controller, "laws", None) or () if isinstance(law, QpLaw)]
+        if laws and (costs := laws[0].costs()):
+            self.plain_python = ", ".join(f"{name} {us:.1f} us" for name, us in costs.items())
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
         if settle is not None and (said := settle(cell, outcome.end)):

@@ -202,5 +202,5 @@ def run_trial(
             TrialResult, reason, specification, outcome, values, object_observed=values.seen,
             controller=str(specification.controller),
             nominal_impact_time_s=reference.nominal_impact_s, real_time_factor=round(outcome.real_time_factor, 3),
-            impact_kind=None if run.kind is None else str(run.kind), **said,
+            impact_kind=None if run.kind is None else str(run.kind), plain_python=run.plain_python, **said,
         )  # fmt: skip
