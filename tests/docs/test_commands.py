@@ -109,3 +109,17 @@ def test_no_block_escapes_the_tests(tmp_path, monkeypatch, text):
     page.write_text(text)
     with pytest.raises(ValueError, match=r"page\.md:1"):
         list(blocks_of(page))
+
+
+def test_what_python_prints_is_compared_where_the_page_says_it(tmp_path, monkeypatch, command_line):
+    monkeypatch.setattr("tests.support.docs.blocks.ROOT", tmp_path)
+    page, folder = tmp_path / "page.md", tmp_path / "page"
+    folder.mkdir()
+    reader = Page(folder, monkeypatch.chdir, command_line)
+    page.write_text(
+        "```python\nprint(6 * 7, 'of', id(0))\n# > 42 of ...\n```\n\n```python\nprint(6 * 7)\n# > 43\n```\n"
+    )
+    right, wrong = blocks_of(page)
+    reader.read(right)
+    with pytest.raises(AssertionError, match=r"page\.md:6: expected:\n43\n\nprinted:\n42\n"):
+        reader.read(wrong)

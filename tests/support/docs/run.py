@@ -81,11 +81,11 @@ class Page:
             process.communicate()
 
     def _execute(self, block: Block) -> None:
-        """Run Python, and compare what it prints with the lines after #>, where it has some."""
+        """Run Python, and compare what it prints with the lines after # >, where it has some."""
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             exec(compile("\n" * block.line + block.text, block.place, "exec"), self._names)
-        expected = "".join(f"{line}\n" for line in re.findall(r"^#> (.*)$", block.text, re.MULTILINE))
+        expected = "".join(f"{line}\n" for line in re.findall(r"^# > (.*)$", block.text, re.MULTILINE))
         said = not expected or doctest.OutputChecker().check_output(expected, printed.getvalue(), _COMPARED)
         assert said, f"{block.place}: expected:\n{expected}\nprinted:\n{printed.getvalue()}"
 
