@@ -131,7 +131,7 @@ class _Arm:
         for number, place in enumerate(self._places):
             found = placed(self._model, q, place, rotation, float(q[POSTURE_JOINT]), STEPS)
             if found is None:
-                return len(REASONS), -np.inf, "a grab from there comes out of reach", place
+                return len(REASONS), -np.inf, "out of reach in a grab from there", place
             q, J = found
             rooms, (gap,) = np.minimum(q - self._low, self._high - q), self._clearance.at([q])[0]
             terms = np.array([rooms.min(), gap, np.linalg.svd(J, compute_uv=False)[-1]])
@@ -139,7 +139,8 @@ class _Arm:
             shares = np.minimum((terms - least) / (ENOUGH - least), 1.0)
             for passed, (share, reason) in enumerate(zip(shares.tolist(), REASONS, strict=True)):
                 if share < 0.0:
-                    return len(REASONS) if number else passed, share, reason.format(rooms.argmin() + 1), place
+                    reason = reason.format(rooms.argmin() + 1) + " in a grab from there" * bool(number)
+                    return len(REASONS) if number else passed, share, reason, place
             centred = (
                 1.0 - np.abs(q - self._middle) / self._half
             )  # of postures that are as good, the one amid its range
