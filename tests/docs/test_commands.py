@@ -116,10 +116,9 @@ def test_what_python_prints_is_compared_where_the_page_says_it(tmp_path, monkeyp
     page, folder = tmp_path / "page.md", tmp_path / "page"
     folder.mkdir()
     reader = Page(folder, monkeypatch.chdir, command_line)
-    page.write_text(
-        "```python\nprint(6 * 7, 'of', id(0))\n# > 42 of ...\n```\n\n```python\nprint(6 * 7)\n# > 43\n```\n"
-    )
+    blocks = ("print(6 * 7, 'of', id(0))\n# > 42 of ...", "print(6 * 7)\n# > 43")
+    page.write_text("".join(f"```python\n{block}\n```\n\n" for block in blocks))
     right, wrong = blocks_of(page)
     reader.read(right)
-    with pytest.raises(AssertionError, match=r"page\.md:6: expected:\n43\n\nprinted:\n42\n"):
+    with pytest.raises(AssertionError, match=r"page\.md:6: expected:\s+43\s+printed:\s+42"):
         reader.read(wrong)
