@@ -96,7 +96,7 @@ def test_curves_and_numbers_stand_in_the_review_and_are_kept(
 
         source = package / "lab_analyses.py"
         source.write_text(MODULE.replace("FACTOR = 1.0", "FACTOR = 2.0").replace("[::7]", "[::9]"))
-        os.utime(source, (time.time() + 5.0,) * 2)
+        os.utime(source, (time.time() + 5.0, time.time() + 5.0))
         document = read(client, one)
         assert document["analyses"][0]["numbers"][0]["value"] == 160.0
         assert document["topics"]["/analysis/thinned/peak"] == 223

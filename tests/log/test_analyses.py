@@ -83,6 +83,7 @@ def test_the_example_gives_the_squeeze_of_a_grab(example: None, demonstration) -
     np.testing.assert_array_equal(curves[0].t_ns, log.topic("/left/arm")["t_ns"])
     largest, held = said.numbers
     assert largest == Number("largest", "N", float(np.minimum(*forces).max()))
+    assert held.value is not None
     assert 0.2 < held.value < log.duration_s
 
 
