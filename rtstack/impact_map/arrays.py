@@ -57,7 +57,7 @@ def problem_from_arrays(
     labels = range(n) if patches is None else patches
     if len(labels) != n:
         raise ValueError(f"patches: expected a label for each of {n} points, found {len(labels)}")
-    groups = [(label, len(list(its))) for label, its in groupby(labels)]
+    groups = [(label, len(list(its))) for label, its in groupby(np.asarray(labels).tolist())]
     points = slices_of(count for _, count in groups)
     contacts = tuple(
         Contact(("the first body", f"the second of patch {label}"), float(mu[rows].max()), bool(pressed[rows].all()))

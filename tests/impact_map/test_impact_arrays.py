@@ -64,6 +64,12 @@ def test_a_patch_that_would_have_to_pull_names_itself():
     assert "the second of patch pad part" in impact.detail
 
 
+def test_labels_may_be_any_sequence():
+    swapped = memoryview(np.array([1], ">i8"))
+    for labels in (["pad"], (("left", "box"),), np.array([3]), swapped):
+        assert single_step(problem_from_arrays(**BALL, patches=labels)).status is Status.SOLVED
+
+
 def test_a_support_that_comes_against_what_cannot_move_along_it_leaves_no_room():
     problem = problem_from_arrays(np.eye(1), np.zeros((3, 1)), [1.0], 0.0, support_velocity=[[0.0, 0.0, 1.0]])
     assert single_step(problem).status is Status.INFEASIBLE
