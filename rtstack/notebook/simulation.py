@@ -92,7 +92,8 @@ class Simulation:
             controller: An installed controller's name, or a function that makes one of a ControllerRequest.
             parameters: The controller's numbers; None: the cell's.
             log: As in `demonstrate`.
-            fields: Of TrialSpecification, such as displacement_mm, yaw_deg, seed, object, reaction.
+            fields: Of TrialSpecification, such as displacement_mm, yaw_deg, seed, object, reaction, or detector: an
+                impact detector's name, or a function of an arm that makes one.
         """
         description, file = self._described()
         asked = _trial(reference, fields if controller is None else fields | {"controller": controller})

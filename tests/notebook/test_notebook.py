@@ -68,6 +68,24 @@ def test_what_is_imported_from_a_package_has_its_version(cell, demonstration):
     assert package_of_choice(CONTROLLERS, prepared.specification.controller) == ("numpy", np.__version__)
 
 
+class Late:
+    """Fires once, in a given tick."""
+
+    def __init__(self, arm):
+        self.ticks = 0
+
+    def update(self, arm):
+        """Count the ticks."""
+        self.ticks += 1
+        return self.ticks == 1401
+
+
+def test_a_detector_is_an_object_too(demonstration):
+    result = rtstack.run_trial(demonstration.path, detector=Late)
+    assert result.detected_impact_time_s == pytest.approx(1.4, abs=2e-3)
+    assert f"{__name__}.Late" in read_log(result.log).metadata["trial"]["specification"]
+
+
 def test_a_partial_function_has_its_arguments_in_the_name():
     own = OwnFactory(partial(no_interim, impact_later_s=0.05))
     assert own == f"{NAME}(impact_later_s=0.05)"
