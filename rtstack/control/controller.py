@@ -72,9 +72,11 @@ class ArmLaw(Protocol):
 
     def follow(self, ante: NDArray[void], post: NDArray[void]) -> None:
         """Take the references (n,) of POINT, a point a tick, that setpoints will be made of."""
+        return
 
     def observe(self) -> None:
         """Take what was just observed of the arm. Called for all arms with a new state before any is commanded."""
+        return
 
     def command(self, mode: Mode) -> QpStatus:
         """Write the arm's `tau_desired` for its setpoint. Called in the modes that move, not while the arms stop.
