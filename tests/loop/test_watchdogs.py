@@ -176,7 +176,9 @@ def test_an_exception_of_the_controller_stops_without_it(stage, method):
         raise ZeroDivisionError("a defect")
 
     def spoil():
-        setattr(stage.controller if method in ("decide", "finish") else stage.controller.arms[1], method, broken)
+        arm = stage.controller.arms[1]
+        owner = {"observe": arm, "command": arm.law}.get(method, stage.controller)
+        setattr(owner, method, broken)
 
     played = stage.play(_at(spoil))
     seen = played.stops(
