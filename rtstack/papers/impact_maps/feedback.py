@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from hal.base.arrays import Array
-from rtstack.control.impedance import task_inertia
+from rtstack.control.impedance import factor_mass, task_inertia
 from rtstack.control.tick import ArmController
 from rtstack.loop.history import Columns
 
@@ -78,6 +78,7 @@ def feedback_signal(
         wrench = control["wrench_desired"][ticks] - control["wrench_ff"][ticks]
         for i, k in enumerate(ticks):
             work = arm.observed_at(samples["q"][k], samples["dq"][k])
+            factor_mass(work)
             task_inertia(work)
             velocity[row, i] = work["twist"][direction.axis]
             feedback[row, i] = work["Lambda_inverse"][direction.axis] @ wrench[i]
