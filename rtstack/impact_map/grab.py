@@ -44,7 +44,7 @@ class GrabImpact:
 
 
 def grab_impact(
-    description: CellDescription, object_name: str, ante: NDArray, pad_friction: float, table_friction: float,
+    description: CellDescription, object_name: str, ante: NDArray[np.void], pad_friction: float, table_friction: float,
     reflected: ReflectedInertia = ReflectedInertia.B_THETA, object_xy: tuple[float, float] = (0.0, 0.0),
     kind: MapKind = MapKind.CONVERGED,
 ) -> GrabImpact:  # fmt: skip
