@@ -12,7 +12,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from enum import EnumMeta
 from functools import cache, partial
 from pathlib import Path
@@ -52,7 +52,8 @@ def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) 
         with_defaults: dict[str, Any] = {"error_model": "numpy", **options}
         made: Any = numba.njit(**with_defaults)(function)
         if made is not function:  # NUMBA_DISABLE_JIT
-            made._cache = _Cache(made)
+            with suppress(RuntimeError):  # of a prompt or a pipe: no file that kept code could belong to
+                made._cache = _Cache(made)
             if signature is not None:
                 made.compile(signature)
                 made.disable_compile()

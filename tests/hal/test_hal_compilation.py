@@ -159,3 +159,21 @@ def test_all_that_is_compiled_is_kept_this_way() -> None:
     ]
     used = {path.name for path in sources if re.search(r"\b(njit|jit|cfunc|vectorize|guvectorize)\(", path.read_text())}
     assert used == {"compilation.py"}
+
+
+def test_code_from_a_pipe_is_compiled_and_not_kept():
+    """What is tried at a prompt has no file either."""
+    text = """
+import numpy as np
+from hal.compilation import bound_in_turn, compiled
+
+@compiled
+def add(out, step):
+    out[0] += step
+
+out = np.zeros(1)
+bound_in_turn([(add, (out, 1.0)), (add, (out, 2.0))])()
+print(out[0])
+"""
+    ran = subprocess.run([sys.executable, "-"], input=text, capture_output=True, text=True, check=True)
+    assert (ran.stdout, ran.stderr) == ("3.0\n", "")
