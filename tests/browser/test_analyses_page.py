@@ -5,9 +5,9 @@ import shutil
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.test_look import misplaced, violations
-from tests.browser.test_review import drawn
 from tests.support.console.chromium import leave_scene_undrawn
+from tests.support.console.drawn_curves import drawn
+from tests.support.console.look import misplaced, violations
 from tests.support.console.served_console import serve_console
 from tests.support.plugin import installed
 

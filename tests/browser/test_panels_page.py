@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Frame, Page, expect
 
-from tests.browser.test_look import PICTURED, PICTURES, WINDOWS, WRITE, _picture, misplaced, violations
-from tests.browser.test_stop_anywhere import arriving
+from tests.support.console.look import PICTURED, PICTURES, WINDOWS, WRITE, keep_picture, misplaced, violations
 from tests.support.console.stage import Stage, on_stage
+from tests.support.console.stop_ways import arriving
 from tests.support.plugin import installed
 
 pytestmark = pytest.mark.browser
@@ -210,7 +210,7 @@ def test_the_page_of_panels_in_both_themes_and_every_window(stage, tmp_path):
             if found := misplaced(page) + violations(page):
                 wrong[theme, width] = found
             if (folder := PICTURED.get((width, height))) is not None:
-                _picture(page, "panels", (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
+                keep_picture(page, "panels", (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
     assert not wrong, "\n".join(f"{where}: {what}" for where, what in wrong.items())
 
 

@@ -5,7 +5,6 @@ import io
 import json
 import re
 import shutil
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,23 +16,14 @@ from rtstack.log.writing.mcap_writer import McapWriter
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.topics import TOPICS
 from tests.support.console.chromium import centre_of_hue
+from tests.support.console.drawn_curves import DRAWN, drawn
 from tests.support.console.served_console import serve_console
 
-_DRAWN = """async name => {
-    const chart = (await import('/static/js/review/page.js')).plots.chart; // what the page itself has drawn
-    return chart.curves.filter(curve => curve.name === name)
-        .map(({x, y, colour, pane}) => ({x: [...x], y: [...y], colour, ...chart.panes[pane]}));
-}"""
 _PX = "async t => (await import('/static/js/review/page.js')).plots.chart.x(t)"
 _SHOW = "how => ['bands', 'legends'].forEach((id) => { document.getElementById(id).style.visibility = how; })"
 _REACH_PX = 3
 _ASIDE_PX = 12  # from where the background is taken
 _DIFFERS = 60  # sum over red, green and blue
-
-
-def drawn(page: Page, name: str) -> list[dict[str, Any]]:
-    """Return a signal's curves as they were drawn, the compared log's second: x s, y, colour; top, bottom px, range."""
-    return page.evaluate(_DRAWN, name)
 
 
 def highest_seen(page: Page, name: str, t_s: float) -> float:
@@ -145,7 +135,7 @@ def open_log(page: Page, name: str, query: str = "") -> None:
 
 def peak(page: Page, name: str) -> float:
     """Largest value that a curve shows, once it is drawn: its name is there before its samples are."""
-    page.wait_for_function(f"async () => (await ({_DRAWN})({json.dumps(name)})).length > 0")
+    page.wait_for_function(f"async () => (await ({DRAWN})({json.dumps(name)})).length > 0")
     return max(drawn(page, name)[0]["y"])
 
 

@@ -1,7 +1,5 @@
 """STOP cannot be taken away: not by the focus, a dialog, the page, its width or the moment, in a real Chromium."""
 
-from contextlib import contextmanager
-
 import pytest
 from playwright.sync_api import expect
 
@@ -10,7 +8,7 @@ from rtstack.live.protocol import JobState
 from rtstack.loop.mailbox import NOT_TAKEN, Mailbox
 from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.stage import PATIENCE_MS
-from tests.support.console.stop_ways import WAYS, come_to, lead_focus
+from tests.support.console.stop_ways import WAYS, arriving, come_to, lead_focus
 from tests.support.sampling import sampled
 
 pytestmark = pytest.mark.browser
@@ -41,20 +39,6 @@ def test_stop_arrives(stage, way):
     finally:
         stage.end()
     assert (stage.served.logs / "demonstration.mcap").exists()
-
-
-@contextmanager
-def arriving(served, page):
-    """Wait for the STOP that is pressed meanwhile, until all of it is over."""
-    assert not served.mailbox.stop_requested
-    before = served.stops_told()
-    yield
-    for _ in range(600):
-        if served.mailbox.stop_requested and served.stops_told() > before:
-            return
-        page.wait_for_timeout(100)
-    shown = page.evaluate("[document.activeElement.outerHTML, document.getElementById('errors')?.innerText]")
-    raise AssertionError(f"STOP has not arrived: {page.url}, {shown}, {page.locator('#control-light').inner_text()}")
 
 
 def type_words(page, selector, words):

@@ -11,8 +11,7 @@ import console.review.conversion
 from console.review.cache import FOLDER
 from console.review.columns import INDEX
 from rtstack.log.reader import read_log
-from tests.console.test_review_api import unpacked
-from tests.support.console.review_log import read, write_log
+from tests.support.console.review_log import read, unpacked, write_log
 from tests.support.console.served_console import ServedConsole
 from tests.support.plugin import installed
 

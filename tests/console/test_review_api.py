@@ -15,7 +15,7 @@ from console.review.cache import FOLDER, ReviewCache
 from console.scene.scenes import Detail
 from rtstack.log_folder.catalogue import Catalogue
 from tests.support.console.client import socket
-from tests.support.console.review_log import SPIKE_S, read, write_log
+from tests.support.console.review_log import SPIKE_S, read, unpacked, write_log
 from tests.support.console.served_console import serve_console
 
 
@@ -50,23 +50,6 @@ def asked(tmp_path_factory):
         with served.signed_in() as (client, _):
             read(client, logs["log0.mcap"])
             yield client, logs
-
-
-def unpacked(data):
-    """Read the binary answer as its description says, with nothing of ours."""
-    length = int(np.frombuffer(data, "<u4", 1)[0])
-    header, place, found = json.loads(data[4 : 4 + length]), 4 + length, {}
-    for part in header:
-        t_s = np.frombuffer(data, "<f8", part["points"], place)
-        place += t_s.nbytes
-        for name in part["signals"]:
-            both = []
-            for _ in range(1 if part["bucket"] == 1 else 2):
-                both.append(np.frombuffer(data, "<f4", part["points"], place))
-                place += -(-both[-1].nbytes // 8) * 8
-            found[name] = (t_s, both[0], both[-1])
-    assert place == len(data)
-    return found
 
 
 @pytest.mark.parametrize(

@@ -21,8 +21,8 @@ from rtstack.trials.controllers import OwnFactory, controller_factory
 from rtstack.trials.errors import TrialError
 from rtstack.trials.specification import TrialSpecification, specification_of
 from rtstack.trials.trial import prepare_trial
+from tests.support.runs import of_the_run
 
-HOST = ("compute_us_p50", "compute_us_p99", "real_time_factor")  # what a row has of its machine
 NAME = f"{__name__}.no_interim"
 
 
@@ -32,10 +32,6 @@ def no_interim(request, impact_later_s=0.0):
 
 
 MODES = Strategy.NO_INTERIM
-
-
-def of_the_run(result, *more):
-    return {name: value for name, value in result.as_dict().items() if name not in (*HOST, "log", *more)}
 
 
 def test_the_package_has_its_version_and_names():

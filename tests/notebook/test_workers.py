@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 import rtstack
-from tests.notebook.test_notebook import of_the_run
+from tests.support.runs import of_the_run
 
 # without `if __name__ == "__main__"`, as a script is that began as a notebook
 LAW = """

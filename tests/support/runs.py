@@ -14,6 +14,8 @@ from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 
+HOST = ("compute_us_p50", "compute_us_p99", "real_time_factor")  # what a row has of its machine
+
 
 def demonstrate(
     log: Path,
@@ -66,3 +68,8 @@ class StopAfter:
         """Whether that tick has come."""
         self._left -= 1
         return self._left < 0
+
+
+def of_the_run(result: TrialResult, *more: str) -> dict[str, Any]:
+    """Return what two equal runs have in common: no figure of the machine, no path of the log, none of `more`."""
+    return {name: value for name, value in result.as_dict().items() if name not in (*HOST, "log", *more)}

@@ -1,8 +1,12 @@
-"""Where the focus may be, what may be open, on which page, how wide and at which moment, when STOP is pressed."""
+"""Where the focus is, what is open, on which page, how wide and at which moment, when STOP is pressed; its arrival."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from playwright.sync_api import Page, expect
+
+from tests.support.console.served_console import ServedConsole
 
 
 @dataclass(frozen=True)
@@ -89,3 +93,17 @@ def lead_focus(page: Page, way: Way) -> None:
         expect(page.locator("#help")).to_be_visible()
     elif way.dialog == "question":
         expect(page.get_by_role("alertdialog")).to_be_visible()
+
+
+@contextmanager
+def arriving(served: ServedConsole, page: Page) -> Iterator[None]:
+    """Wait for the STOP that is pressed meanwhile, until all of it is over."""
+    assert not served.mailbox.stop_requested
+    before = served.stops_told()
+    yield
+    for _ in range(600):
+        if served.mailbox.stop_requested and served.stops_told() > before:
+            return
+        page.wait_for_timeout(100)
+    shown = page.evaluate("[document.activeElement.outerHTML, document.getElementById('errors')?.innerText]")
+    raise AssertionError(f"STOP has not arrived: {page.url}, {shown}, {page.locator('#control-light').inner_text()}")
