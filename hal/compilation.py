@@ -17,7 +17,7 @@ from enum import EnumMeta
 from functools import cache, partial
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, TypeVar, cast, overload
+from typing import Any, ParamSpec, cast, overload
 
 import numba
 import numpy as np
@@ -28,17 +28,18 @@ from numba.extending import intrinsic
 from hal.base.files import locked
 from hal.base.shared import private_folder, refuse_foreign
 
-F = TypeVar("F", bound=Callable[..., Any])
+P = ParamSpec("P")
 Step = tuple[Callable[..., Any], tuple[Any, ...]]  # a compiled function and its arguments
 _TYPES: dict[Any, Any] = {}  # of arrays that were bound
 _ending = ExitStack()  # of this process
 atexit.register(_ending.close)
 
 
+# the result is Any: to infer it, a checker would read the body of each compiled function at each call
 @overload
-def compiled(signature: F) -> F: ...
+def compiled(signature: Callable[P, Any]) -> Callable[P, Any]: ...
 @overload
-def compiled(signature: str | None = None, **options: Any) -> Callable[[F], F]: ...
+def compiled(signature: str | None = None, **options: Any) -> Callable[[Callable[P, Any]], Callable[P, Any]]: ...
 def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) -> Any:
     """Compile a function as numba.njit does, with the error model of numpy, and keep the machine code.
 
@@ -160,7 +161,7 @@ def _entry(
     names = {f"function{number}": function for number, function in enumerate(functions)}
     names |= {"__name__": sources[0].__module__, "load": load}
     exec(compile(text, sources[0].__code__.co_filename, "exec"), names)
-    entry = compiled(nogil=functions[0].targetoptions.get("nogil", False))(names[name])
+    entry: Any = compiled(nogil=functions[0].targetoptions.get("nogil", False))(names[name])
     return entry.compile((types.intp, *later_types))
 
 

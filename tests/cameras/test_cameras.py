@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import time
 from contextlib import closing
@@ -177,10 +178,13 @@ def test_a_camera_whose_program_raises_ends_the_run_with_its_place(cell, demonst
         return progress
 
     blind = replace(DOWN, kind="blind")
-    with pytest.raises(LogError, match=r"^camera down: KeyError: 'lens' \(blind_camera, blind_camera\.py:5\)$"):
+    mend = "mend it there, or uninstall the package"
+    refused = re.escape(f"camera down: KeyError: 'lens' (blind_camera 1.2, blind_camera.py:5); {mend}")
+    with pytest.raises(LogError, match=f"^{refused}$"):
         run(cell, demonstration, tmp_path / "once.mcap", {"down": replace(blind, address="at once")})
     result, log = run(cell, demonstration, tmp_path / "log.mcap", {"down": blind}, wait)
-    said = f"{End.CONTROLLER_EXCEPTION}: camera down: ValueError: no light (blind_camera, blind_camera.py:10)"
+    no_light = f"camera down: ValueError: no light (blind_camera 1.2, blind_camera.py:10); {mend}"
+    said = f"{End.CONTROLLER_EXCEPTION}: {no_light}"
     assert result.failure_reason == said
     assert log.metadata["fault"]["end"] == str(End.CONTROLLER_EXCEPTION)
 

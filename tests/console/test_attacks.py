@@ -389,7 +389,9 @@ def test_every_answer_carries_the_security_headers(served):
 
 
 def test_no_page_has_anything_inline():
-    pages = sorted((Path(console.__file__).parent / "pages").glob("*.html"))
+    pages = set((Path(console.__file__).parent / "pages").glob("*.html"))
+    # a package's own markup, in a frame without an origin: tests/browser/test_panels_page.py
+    pages -= {Path(console.__file__).parent / "pages" / "panel_frame.html"}
     assert len(pages) >= 3
     for page in pages:
         text = page.read_text()

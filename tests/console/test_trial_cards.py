@@ -42,7 +42,7 @@ def test_a_card_has_the_verdict_three_numbers_of_the_log_and_the_order_that_it_w
     assert card["again"] == {
         "reference": entries["ref"].id, "object": "rice_box", "controller": "proposed", "displacement_mm": 0.0,
         "displacement_x_mm": 0.0, "yaw_deg": 0.0, "seed": 1, "reaction": "continue", "law_inertia": "M+B_theta",
-        "shadow": False,
+        "shadow": False, "detector": "appendix_b",
     }  # fmt: skip
 
     log = read_log(entry.path)

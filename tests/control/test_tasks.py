@@ -1,11 +1,11 @@
 """Tasks and limits of the QP as objects: the paper's, and those of a package of another author."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
+from joint_tracking.arms_apart import JOINTS, LEAST_M, ArmsApart
+from joint_tracking.elbow import ElbowHeight
+from joint_tracking.qp_limits import AboveTable, PadForce, VelocityDamper
 
 from rtstack.control.active_set import optimality_error
 from rtstack.control.limits import JointLimit, Limit, paper_limits
@@ -18,12 +18,6 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import Mode, QpSolver, QpStatus
 from tests.support.arm_controller import make_arm_controller
-
-sys.path.append(str(Path(__file__).parents[2] / "examples" / "plugin"))
-
-from joint_tracking.arms_apart import JOINTS, LEAST_M, ArmsApart
-from joint_tracking.elbow import ElbowHeight
-from joint_tracking.qp_limits import AboveTable, PadForce, VelocityDamper
 
 
 def arm_at(cell: CellDescription, seed: int, side: int = 0) -> ArmController:

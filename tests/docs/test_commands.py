@@ -20,7 +20,7 @@ NOT_RUN = {
     "on the robot's PC": 5,
     "in real time": 2,
     "on several machines": 2,
-    "from a clone": 10,
+    "from a clone": 11,
     "while rtstack up runs": 5,
     "on a desktop": 2,
 }

@@ -1,6 +1,7 @@
 """The engine with the smallest experiment: stages, cases, retries, the progress file, the report."""
 
 import hashlib
+import inspect
 import json
 import os
 import re
@@ -17,7 +18,7 @@ from rtstack.experiments.progress import campaign_progress
 from rtstack.experiments.report import write_report
 from rtstack.experiments.runner import AHEAD, Runner
 from rtstack.experiments.store import Store
-from tests.support.counting import PLAN, CountingExperiment
+from tests.support.counting import PLAN, CountingExperiment, count
 from tests.support.dask_worker import dask_worker
 
 
@@ -51,7 +52,8 @@ def test_what_fails_is_named_and_run_again_with_the_next_invocation(experiment, 
     (out / "no-2").touch()
     rows, tally = run(experiment, client)
     assert [row["id"] for row in rows] == ["number-1"]  # the last one waits for the others
-    assert tally.failures == {"number-2": "ValueError: no 2"}
+    line = inspect.getsourcelines(count)[1] + 3
+    assert tally.failures == {"number-2": f"ValueError: no 2 (tests/support/counting.py:{line}); mend it there"}
     assert CampaignFolder(out).stage().done == 1
     (out / "no-2").unlink()
     rows, tally = run(experiment, client)  # the scheduler still has the failure, and the stage, under their old keys

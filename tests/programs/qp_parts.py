@@ -12,7 +12,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -27,17 +26,16 @@ from rtstack.control.tick import ArmController
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, default_parameters
 from tests.programs import program
+from tests.support.example_module import example
 
-sys.path.append(str(Path(__file__).parents[2] / "examples" / "plugin"))
-
-from joint_tracking.arms_apart import JOINTS, LEAST_M, ArmsApart
-from joint_tracking.elbow import ElbowHeight
+arms_apart, elbow = example("arms_apart"), example("elbow")
+JOINTS, LEAST_M = arms_apart.JOINTS, arms_apart.LEAST_M
 
 PERIOD_S, KEPT_M = 1e-3, 1e-3
 LAWS = {
     "paper": lambda arm, other: QpLaw(arm),
-    "arms_apart": lambda arm, other: QpLaw(arm, limits=[*paper_limits(arm), ArmsApart(arm, other)]),
-    "elbow": lambda arm, other: QpLaw(arm, [ImpedanceTask(arm), ElbowHeight(arm, 0.45)]),
+    "arms_apart": lambda arm, other: QpLaw(arm, limits=[*paper_limits(arm), arms_apart.ArmsApart(arm, other)]),
+    "elbow": lambda arm, other: QpLaw(arm, [ImpedanceTask(arm), elbow.ElbowHeight(arm, 0.45)]),
 }
 
 

@@ -1,10 +1,8 @@
 """The leader arms of examples/plugin: what is said to their port, and what comes of it."""
 
-import importlib.util
 import json
 import socket
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +11,9 @@ from hal.base.arrays import Array
 from rtstack.cells import load_description
 from rtstack.model.arm_model import flange_pose
 from rtstack.model.cell_description import base_poses
+from tests.support.example_module import example
 
-SOURCE = Path(__file__).parents[2] / "examples" / "plugin" / "joint_tracking" / "leader.py"
-spec = importlib.util.spec_from_file_location("leader", SOURCE)
-assert spec is not None
-assert spec.loader is not None
-plugin = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(plugin)
+plugin = example("leader")
 CELL, _ = load_description(None)
 HOME = np.array([CELL.left.home, CELL.right.home])
 

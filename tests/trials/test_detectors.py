@@ -1,20 +1,15 @@
 """Impact detectors by name: Appendix B's, and those of another package, which change the mode in its place."""
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
+from joint_tracking.jump import ResidualJump
 
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from rtstack.trials.controllers import DEFAULT_DETECTOR, detector_names
 from rtstack.trials.specification import TrialSpecification
 from tests.support.runs import attempt
-
-sys.path.append(str(Path(__file__).parents[2] / "examples" / "plugin"))
-
-from joint_tracking.jump import ResidualJump
 
 PLUG_IN = """
 class At:

@@ -75,8 +75,8 @@ class _Contradiction:
     def __init__(self, real: solvers.Program) -> None:
         self._real = real
 
-    def solve(self, H, gradient, lower, upper, M, tau_lower, tau_upper, x):
-        return self._real.solve(H, gradient, lower, lower - 1.0, M, tau_lower, tau_upper, x)
+    def solve(self, H, gradient, lower, upper, A, row_lower, row_upper, x):
+        return self._real.solve(H, gradient, lower, lower - 1.0, A, row_lower, row_upper, x)
 
 
 def qp_infeasible(stage: Stage) -> None:
