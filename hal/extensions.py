@@ -29,7 +29,10 @@ def raised(error: BaseException, *called: object) -> str:
         error: what was raised.
         called: the functions or methods of another author whose answer may have caused it, where ours raised it.
     """
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    try:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+    except PLUG_INS_RAISE:  # its own text raises
+        text = type(error).__name__
     text = text if len(text) <= _MOST else f"{text[:_MOST]}..."
     if where := culprit(error, *called):
         return f"{text} {blame(where)}"

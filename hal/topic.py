@@ -1,5 +1,6 @@
 """A topic of the log: what its samples are, and how often they come. rtstack.topics is the table of all of them."""
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -49,6 +50,13 @@ class Topic:
     text: str = ""
     every_tick: bool = False
     plotted: bool = True
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a name, or a schema, that the log has no place for."""
+        if not re.fullmatch(r"(/[a-z][a-z0-9_]*)+", self.name):
+            raise ValueError(f"topic {self.name!r}: expected a name as /GROUP/NAME, in lower case")
+        if not re.fullmatch(r"(rtstack|foxglove)\.[A-Z][A-Za-z0-9]*", self.message.schema):
+            raise ValueError(f"topic {self.name}: schema {self.message.schema!r}: expected rtstack.NAME of your own")
 
     @property
     def record(self) -> np.dtype[Any]:

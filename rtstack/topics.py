@@ -75,7 +75,12 @@ def topic_table(rows: Iterable[Topic]) -> dict[str, Topic]:
     """Return the rows by name. Raises ValueError for two that cannot be told apart."""
     table: dict[str, Topic] = {}
     curves: dict[tuple[str, str], str] = {}
+    schemas: dict[str, Message] = {POSE.schema: POSE, EVENT.schema: EVENT}
     for topic in rows:
+        if not topic.message.is_ours and topic.message.schema not in schemas:
+            raise ValueError(f"{topic.name}: schema {topic.message.schema}: expected rtstack.NAME")
+        if schemas.setdefault(topic.message.schema, topic.message) != topic.message:
+            raise ValueError(f"{topic.name}: schema {topic.message.schema} is another topic's: rename one")
         if topic.name in table:
             raise ValueError(f"there are two topics {topic.name}")
         table[topic.name] = topic

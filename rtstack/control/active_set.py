@@ -50,6 +50,8 @@ def optimality_error(H, gradient, lower, upper, A, row_lower, row_upper, x, mult
 @compiled
 def _limit_error(multiplier, below, above):
     """Return the violation of a limit and of its complementarity. below, above: to its lower and its upper side."""
+    if math.isnan(below) or math.isnan(above):  # a bound that is not a number
+        return math.inf
     slack = above if multiplier > 0.0 else below
     return max(-below, -above, min(abs(multiplier), abs(slack)))
 

@@ -14,6 +14,7 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.base.arrays import Array
 from hal.compilation import Step, bound, bound_in_turn, compiled
@@ -182,6 +183,12 @@ class QpLaw(ArmLaw):
             pose.append((add_task, (arm.workspace, task.jacobian, task.target, task.weight)))
         solve: Part = (solve_free, (arm.sample, arm.workspace, arm.control, arm.limits, *joined))
         self._find = _fused([*pose, *steps, solve])
+
+    def follow(self, ante: NDArray[np.void], post: NDArray[np.void]) -> None:
+        """See ArmLaw: the setpoint is enough."""
+
+    def observe(self) -> None:
+        """See ArmLaw: a task or limit is updated in `command`."""
 
     def command(self, mode: Mode) -> QpStatus:
         """Find tau_desired for the setpoint. Where the QP has no answer the last torque stays."""

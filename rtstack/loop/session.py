@@ -286,6 +286,8 @@ class Session:
             if found > status:
                 status = found
                 if found > _SOLVED:
+                    if not isinstance(found, QpStatus):
+                        raise TypeError(f"command returned {found!r}, not a QpStatus")
                     self._notes.take_qp(k, arm)
             if self._share < 1.0:
                 low_pass(arm.sample, arm.workspace, self._share)

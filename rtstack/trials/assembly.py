@@ -123,7 +123,7 @@ class ControllerRequest:
 
     def modes(self, strategy: Strategy) -> ModeMachine:
         """Return the mode machine of a strategy."""
-        return ModeMachine(strategy, self.parameters.control, self.nominal_impact_s)
+        return ModeMachine(Strategy(strategy), self.parameters.control, self.nominal_impact_s)
 
     def pair(self, machine: ModeMachine, laws: Sequence[ArmLaw] | None = None) -> CellController:
         """Return the arms with these modes, monitor and reaction. laws: one an arm, in the place of the QP."""
@@ -197,7 +197,8 @@ def _warm_up(controller: Controller, cell: CellDescription) -> None:
     for side, arm in enumerate(controller.arms):
         controller.observe(side, 0)
         if not isinstance(arm.impact, bool | np.bool_):
-            raise TypeError(f"observe set impact to {arm.impact!r}, not to True or False")
+            by = "update of the impact detector returned" if getattr(arm, "detector", None) else "observe set impact to"
+            raise TypeError(f"{by} {arm.impact!r}, not True or False")
     controller.decide(0.0)
     for side in range(len(cell.arms)):
         if (status := controller.command(side, 0, 0)) not in tuple(QpStatus):

@@ -197,7 +197,7 @@ class Run:
                 self._keep_evidence(outcome, self.history.columns())
         self._say_kind(outcome)
         laws = [law for law in getattr(controller, "laws", None) or () if isinstance(law, QpLaw)]
-        if laws and (costs := laws[0].costs()):
+        if laws and outcome.end is not End.CONTROLLER_EXCEPTION and (costs := laws[0].costs()):
             self.plain_python = ", ".join(f"{name} {us:.1f} us" for name, us in costs.items())
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s

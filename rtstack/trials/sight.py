@@ -38,7 +38,10 @@ def _looks(cell: Cell) -> Iterator[ObjectPose]:
         for bit, arm in zip((LEFT, RIGHT), cell.arms, strict=False):
             if ready & bit:
                 arm.read()
-        yield cell.tracker.latest()
+        if not hasattr(shown := cell.tracker.latest(), "record"):
+            kind = type(shown).__name__
+            raise TrialError(f"latest of the tracker returned a {kind}, not a hal.tracker.ObjectPose: mend the tracker")
+        yield shown
 
 
 def object_before(cell: Cell, description: CellDescription) -> ObjectPose:

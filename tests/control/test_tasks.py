@@ -239,6 +239,13 @@ def test_no_rows_and_no_weight_are_refused(wrong):
         wrong()
 
 
+def test_a_bound_that_is_no_number_is_no_solution(cell):
+    """The judge then stops the arms: no bound would be less than what was asked for."""
+    arm = arm_at(cell, 2)
+    law = QpLaw(arm, limits=[*paper_limits(arm), Row(np.ones((1, 7)), np.nan)])
+    assert law.command(Mode.ANTE_IMPACT) > QpStatus.SOLVED
+
+
 def test_a_joint_that_is_not_there_is_refused(cell):
     with pytest.raises(ValueError, match="joint 8: expected 1 to 7"):
         LinkPoint(arm_at(cell, 0), 8)

@@ -2,12 +2,16 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+
+from hal.topic import Message, Topic
+from rtstack.topics import TOPICS, topic_table
 
 DECLARED = """
 from hal.base.record import WRENCH, Field
@@ -162,3 +166,17 @@ def test_a_reader_that_does_not_know_it_reads_the_rest(found: dict) -> None:
     log = read_log(Path(found["path"]))
     assert "/left/wrench_sensor" in log.topics
     assert len(log.topic("/left/arm")) == found["ticks"]
+
+
+@pytest.mark.parametrize(
+    ("name", "schema", "line"),
+    [
+        ("humid", "rtstack.HumiditySample", "topic 'humid': expected a name as /GROUP/NAME"),
+        ("/lab/humid", "labkit.Humidity", "topic /lab/humid: schema 'labkit.Humidity': expected rtstack.NAME"),
+        ("/lab/humid", "rtstack.ArmSample", "/lab/humid: schema rtstack.ArmSample is another topic's: rename one"),
+        ("/lab/humid", "foxglove.Grid", "/lab/humid: schema foxglove.Grid: expected rtstack.NAME"),
+    ],
+)
+def test_a_topic_that_the_log_has_no_place_for_is_refused_in_a_line(name, schema, line):
+    with pytest.raises(ValueError, match=f"^{re.escape(line)}"):
+        topic_table([*TOPICS.values(), Topic(name, Message(schema, "Humidity.", ()), 10)])

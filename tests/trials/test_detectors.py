@@ -86,7 +86,7 @@ def test_the_example_detects_the_impact_where_appendix_b_does(cell, demonstratio
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("lab_wrong", "TypeError: observe set impact to 'yes', not to True or False"),
+        ("lab_wrong", "TypeError: update of the impact detector returned 'yes', not True or False"),
         ("lab_raises", "ValueError: my own bug"),
         ("lab_nothing", "the impact detector cannot be made: TypeError: Nothing has no update"),
         ("lab_lost", "unknown impact detector 'lab_lost': choose one of appendix_b, lab_at"),

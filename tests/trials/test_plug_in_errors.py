@@ -167,7 +167,7 @@ CANNOT_WORK = {
     "signature": "before any arm moves: TypeError: Signature.command() takes 1 positional argument but 2 were given",
     "at_once": "before any arm moves: ValueError: my own bug",
     "returns_none": "before any arm moves: TypeError: command returned None, not a QpStatus",
-    "impact": "before any arm moves: TypeError: observe set impact to 'yes', not to True or False",
+    "impact": "before any arm moves: TypeError: observe set impact to 'yes', not True or False",
     "follow": "the controller does not take the reference: ValueError: my own bug",
 }
 ENDS_THE_RUN = {
