@@ -6,7 +6,8 @@ import pickle
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from itertools import product
@@ -14,6 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from shutil import rmtree
 from tempfile import NamedTemporaryFile, mkdtemp
+from threading import Event, current_thread, main_thread
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -213,11 +215,31 @@ def _results(tasks: Sequence[Task], workers: int) -> Iterator[tuple[int, TrialRe
         try:
             with starting():
                 futures = {pool.submit(_attempt_number, k): k for k in range(len(tasks))}
-            for future in as_completed(futures):
-                error = future.exception()
-                yield futures[future], future.result() if error is None else raised(error)
+            with _noted_interrupt() as interrupted:
+                waiting = set(futures)
+                while waiting and not interrupted.is_set():
+                    done, waiting = wait(waiting, 0.1, FIRST_COMPLETED)
+                    for future in done:
+                        error = future.exception()
+                        yield futures[future], future.result() if error is None else raised(error)
+            if interrupted.is_set():
+                raise KeyboardInterrupt
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _noted_interrupt() -> Iterator[Event]:
+    """Note Ctrl-C and go on: raised within a callback of the pool it would be lost, and all trials would be run."""
+    event = Event()
+    if current_thread() is not main_thread():  # a signal is another thread's
+        yield event
+        return
+    before = signal.signal(signal.SIGINT, lambda _number, _frame: event.set())
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 _tasks: list[Task] = []  # of a worker
