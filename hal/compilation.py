@@ -53,7 +53,7 @@ def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) 
         with_defaults: dict[str, Any] = {"error_model": "numpy", **options}
         made: Any = numba.njit(**with_defaults)(function)
         if made is not function:  # NUMBA_DISABLE_JIT
-            with suppress(RuntimeError):  # of a prompt or a pipe: no file that kept code could belong to
+            with suppress(RuntimeError):  # code from a prompt or a pipe has no file that kept machine code belongs to
                 made._cache = _Cache(made)
             if signature is not None:
                 made.compile(signature)

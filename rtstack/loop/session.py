@@ -281,13 +281,11 @@ class Session:
                 source.step(k, arm)
             elapsed_ns = elapsed[k]
             found = controller.command(k, elapsed_ns, elapsed_ns // TICK_NS)
-            if found is None:
-                raise TypeError("command returned None, not a QpStatus")
+            if type(found) is not QpStatus:
+                raise TypeError(f"command returned {found!r}, not a QpStatus")
             if found > status:
                 status = found
                 if found > _SOLVED:
-                    if not isinstance(found, QpStatus):
-                        raise TypeError(f"command returned {found!r}, not a QpStatus")
                     self._notes.take_qp(k, arm)
             if self._share < 1.0:
                 low_pass(arm.sample, arm.workspace, self._share)

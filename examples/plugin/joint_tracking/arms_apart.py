@@ -13,7 +13,7 @@ from rtstack.control.tick import CellController
 from rtstack.trials.assembly import ControllerRequest
 
 JOINTS, LEAST_M = (4, 6), 0.25
-TIME_S, FASTEST = 0.05, 10.0  # of the way to the least distance; m/s^2: the most that is asked of the joints
+TIME_S, FASTEST = 0.05, 10.0  # time constant towards the least distance; largest acceleration asked for, m/s^2
 
 
 @compiled

@@ -4,8 +4,8 @@ import numpy as np
 
 from rtstack.control.controller import ObservedArm
 
-JUMP_NM_S = 2000.0  # ours: twice what the simulated arm shows in free motion, half of what a grab at 0.3 m/s does
-QUIET_S = 0.05  # ours: a second jump within this time belongs to the same impact
+JUMP_NM_S = 2000.0  # twice the simulated arm's largest rate in free motion, half of that of a grab at 0.3 m/s
+QUIET_S = 0.05  # a second jump within this time belongs to the same impact
 
 
 class ResidualJump:
