@@ -30,7 +30,10 @@ WITH_LEARNED_GRAB = ("docs/howto/policy.md",)
 LONG = (
     "docs/quickstart.md",
     "docs/tutorial.md",
-    *(f"docs/howto/{name}.md" for name in ("cell", "dataset", "desk", "hal", "one_arm", "policy", "review", "robot")),
+    *(
+        f"docs/howto/{name}.md"
+        for name in ("cell", "dataset", "desk", "hal", "notebook", "one_arm", "policy", "review", "robot")
+    ),
 )
 
 
