@@ -9,7 +9,7 @@ Array = NDArray[np.floating]
 """An array of floats; the docstring of what takes or returns it gives shape, unit and frame."""
 Seven = tuple[float, float, float, float, float, float, float]  # a number a joint
 
-# of numpy's kinds, what is taken for it, and what it is called
+# For each kind that is asked for: the kinds of numpy that are accepted, and its name in a message
 _KINDS = {"f": ("iuf", "numbers"), "i": ("iu", "whole numbers (int64)"), "b": ("b", "true or false")}
 _MOST = 1_000_000_000  # 8 GB
 

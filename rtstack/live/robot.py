@@ -54,7 +54,7 @@ from rtstack.trials.estimate import check_estimate
 from rtstack.trials.record import free_name
 from rtstack.trials.run_context import RunEvent
 
-# of both arms at once: a real one takes 0.7 to more than 12 s (GitHub, franka_ros issues 317 and 308)
+# The limit holds for both arms at once: a real one takes 0.7 to more than 12 s (GitHub, franka_ros issues 317 and 308)
 _RECOVERY_TIMEOUT_S = 30.0
 _MOST_CONNECTIONS = 64  # a thread each; a console has four
 _WATCH_S = 0.05  # period of the calls to the control authority

@@ -1,7 +1,5 @@
 """What ended a session, as evidence: put together after the last tick from what the ticks only noted."""
 
-import os
-import sys
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,8 +80,6 @@ class FaultNotes:
         if not self.trip.end.is_fault:
             return None
         text = "".join(traceback.format_exception(self.error)) if self.error is not None else ""
-        if text and os.environ.get("RTSTACK_TRACEBACK"):
-            print(text, file=sys.stderr)
         qp = None
         if self.qp_side >= 0:
             qp = FailedQp(self._sides[self.qp_side], self._qp_status, self._qp_iterations, self._problem)

@@ -20,7 +20,7 @@ from rtstack.planning.request import GrabPlan, PlanError
 from rtstack.references.demonstration import LEAST_RISE_M
 from rtstack.safety.limits import hardware_limits
 
-# ours: the first of each are those of the cells that come with rtstack. Above the table, beside the widest object
+# Chosen by us; the shipped cells have the first of each. Distances above the table and beside the widest object
 ABOVE_M, BESIDE_M = (0.01, 0.04), (0.2, 0.12)
 BEFORE_M, BELOW_M = 0.07, 0.03  # where a hand is 0.2 s before it meets an object (rtstack.references.demonstration)
 # What is kept of joint limits (rad), table (m) and singular postures (smallest singular value of the twist of the pad

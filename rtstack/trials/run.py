@@ -1,5 +1,7 @@
 """A run: one session on a cell, with its history, its log, its context, and what the log keeps of a fault."""
 
+import os
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -279,7 +281,9 @@ class Run:
         return replace(outcome, end=End.HARDWARE, detail=detail)
 
     def _keep_evidence(self, outcome: SessionOutcome, columns: Columns, *more: Attachment) -> None:
-        """Have the log keep what a fault leaves, and more."""
+        """Have the log keep what a fault leaves, and more; show its traceback where RTSTACK_TRACEBACK is set."""
+        if outcome.fault is not None and outcome.fault.traceback and os.environ.get("RTSTACK_TRACEBACK"):
+            sys.stderr.write(outcome.fault.traceback)
         if self._log is None:
             return
         found = Evidence({}, ())
