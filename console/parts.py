@@ -25,6 +25,7 @@ from console.review.scene import ReviewScenes
 from console.scene.ghost import GhostPlayer
 from console.scene.preview import Preview
 from console.scene.scenes import Scenes
+from console.session_file import SessionFile
 from console.sign_in import SignIn, UserSession
 from console.teleoperation.teleop_input import TeleopInput
 from console.training.trainer import Trainer
@@ -84,7 +85,7 @@ def assemble(
     queue = Queue(logs / QUEUE_FILE)
     kept(QueueRunner(queue, kept(RobotClient(socket_path, patience_s)), catalogue, watch.learn))
     return Parts(
-        sign_in=SignIn(address, Tokens(logs), audit),
+        sign_in=SignIn(address, Tokens(logs), audit, SessionFile(logs)),
         audit=audit,
         cell=cell,
         client=client,

@@ -59,6 +59,7 @@ def server_settings(app: FastAPI, tls: ssl.SSLContext | None = None) -> uvicorn.
         ws="websockets-sansio",
         ws_per_message_deflate=False,  # for each page anew, of what is small or packed already: dear, and worth nothing
         ws_max_size=_MAX_MESSAGE_BYTES,
+        ws_ping_interval=5.0,  # a connection whose other end is gone is closed within 25 s, with uvicorn's time limit
         server_header=False,
         ssl_context_factory=None if tls is None else lambda *_: tls,
         proxy_headers=False,

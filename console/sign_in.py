@@ -1,5 +1,6 @@
-"""Sessions, in memory. A browser signs in with a one-time token, then uses a cookie; a program sends a bearer token."""
+"""Sessions. A browser signs in with a one-time token, then uses a cookie; a program sends a bearer token."""
 
+import hashlib
 import hmac
 import itertools
 import secrets
@@ -10,6 +11,7 @@ from typing import Any
 
 from console.address import Address
 from console.refused import Refused
+from console.session_file import KeptSession, SessionFile
 from rtstack.access.tokens import Scope, Tokens
 from rtstack.live.audit import AuditTrail
 
@@ -57,7 +59,7 @@ class _Code:
 class SignIn:
     """The one-time tokens and the sessions. `cookie`, `stop_cookie`: names with the port, which cookies do not know."""
 
-    def __init__(self, address: Address, tokens: Tokens, audit: AuditTrail) -> None:
+    def __init__(self, address: Address, tokens: Tokens, audit: AuditTrail, file: SessionFile) -> None:
         self.address = address
         self.cookie = f"rtstack-{address.port}"
         self.stop_cookie = f"{self.cookie}-stop"
@@ -70,6 +72,7 @@ class SignIn:
         self._stoppers: dict[str, UserSession] = {}  # by their second cookie
         self._programs: dict[str, str] = {}  # token's id -> session's key
         self._used_s: dict[str, float] = {}  # token's id -> Unix time, s
+        self._file, self._kept = file, file.load()  # by digest: browsers of an earlier process, not seen since
         self._redeemed = 0
         self._code: _Code | None = None
         self._noted: dict[tuple[str, str], float] = {}  # refusals in the audit trail, and when
@@ -190,8 +193,21 @@ class SignIn:
                 return None
             return session
 
+    def reopened(self, token: str, session: UserSession | None) -> bool:
+        """Spend the first one-time token in a browser whose operator is signed in already; return whether it was."""
+        with self._lock:
+            again = session is not None and session.scope is Scope.OPERATE and self._offered(token) == self._token
+            if again:
+                del self._open[self._token]
+            return again
+
     def browser(self, cookie: str | None) -> UserSession | None:
         """Return the session of a cookie; no program's can be reached this way."""
+        with self._lock:
+            kept = self._kept.pop(_digest(cookie or ""), None)
+            if kept is not None and cookie:
+                ends_s = kept.ends_s - time.time() + _now_s()
+                self._add(_browser(cookie, ends_s, self._free_name(kept.operator), kept.scope))
         session = self.session(cookie)
         return session if session is not None and session.token is None else None
 
@@ -216,19 +232,32 @@ class SignIn:
                 self._sessions[session.key] = renamed
             if session.stop in self._stoppers:
                 self._stoppers[session.stop] = renamed
+            self._save()
             return renamed
 
     def _begin(self, scope: Scope, instead_of: UserSession | None) -> UserSession:
         self._redeemed += 1
         name = self._free_name(f"{'operator' if scope is Scope.OPERATE else 'viewer'} {self._redeemed}")
-        session = UserSession(secrets.token_urlsafe(32), secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope)
+        session = _browser(secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope)
         if instead_of is not None:
             self._forget(instead_of)
+        self._add(session)
+        self._save()
+        return session
+
+    def _add(self, session: UserSession) -> None:
         browsers = [key for key, other in self._sessions.items() if other.token is None]
         _make_room(self._sessions, browsers, _MAX_SESSIONS)
         _make_room(self._stoppers, list(self._stoppers), _MAX_SESSIONS)
         self._sessions[session.key] = self._stoppers[session.stop] = session
-        return session
+
+    def _save(self) -> None:
+        unix_s = time.time() - _now_s()
+        browsers = [
+            KeptSession(_digest(one.key), one.operator, one.scope, one.ends_s + unix_s)
+            for one in self._sessions.values() if one.token is None
+        ]  # fmt: skip
+        self._file.save([*self._kept.values(), *browsers][-_MAX_SESSIONS:])
 
     def _lasts(self, session: UserSession) -> bool:
         return session.ends_s >= _now_s() and (session.token is None or self.tokens.get(session.token) is not None)
@@ -237,6 +266,8 @@ class SignIn:
         self._sessions.pop(session.key, None)
         if session.token is not None:
             self._programs.pop(session.token, None)
+        else:
+            self._save()
 
     def _offered(self, token: str) -> str | None:
         self._drop_old_invitations()
@@ -258,6 +289,19 @@ class SignIn:
 def csrf_matches(session: UserSession, word: str | None) -> bool:
     """Whether a request carries the session's word."""
     return word is not None and _same(word, session.csrf)
+
+
+def _browser(key: str, ends_s: float, operator: str, scope: Scope) -> UserSession:
+    return UserSession(key, _word(key, "csrf"), ends_s, operator, scope, stop=_word(key, "stop"))
+
+
+def _word(key: str, use: str) -> str:
+    """Return a word of a session that its cookie alone determines, for pages that outlive the console's process."""
+    return hmac.new(key.encode(), use.encode(), hashlib.sha256).hexdigest()
+
+
+def _digest(cookie: str) -> str:
+    return hashlib.sha256(cookie.encode(errors="replace")).hexdigest()
 
 
 def _make_room(kept: dict[str, Any], counted: list[str], most: int) -> None:

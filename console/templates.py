@@ -68,6 +68,7 @@ def _variable(name: str) -> str:
 def show(template: str, page: str, request: Request, parts: Parts, **more: object) -> HTMLResponse:
     """Render a page for who is signed in. page: its name in the rail; more: what this template alone needs."""
     session: UserSession = request.state.session
+    parts.heartbeats.load(session.operator)
     cell = {"cell": parts.cell, "profile": parts.profile, "two_arms": len(parts.cell.arms) == 2}
     rendered = TEMPLATES.get_template(template).render(
         page=page, csrf=session.csrf, scope=session.scope, **cell, **more

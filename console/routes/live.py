@@ -29,6 +29,7 @@ _PERIOD_S = 0.05
 _MAX_CLIENTS = 4  # Foxglove's
 _clients: set[WebSocket] = set()
 BEAT = "beat"
+ASLEEP, AWAKE = "asleep", "awake"  # of a page that the browser freezes; it reads nothing meanwhile
 STOP, REPORT_STOP = "stop", "report stop"  # the second one where a page's request did not get through
 _MAX_REPORTS = 1000  # of one page
 
@@ -65,6 +66,8 @@ async def live(websocket: WebSocket) -> None:
     watch, ghost = parts.watch, parts.scenes.ghost
 
     reports: list[asyncio.Task[None]] = []
+    awake = asyncio.Event()
+    awake.set()
 
     def hear(message: str) -> None:
         session = session_now(websocket)
@@ -72,14 +75,21 @@ async def live(websocket: WebSocket) -> None:
             return
         if message == BEAT:
             parts.heartbeats.note(session.operator)
+        elif message in (ASLEEP, AWAKE):
+            (awake.set if message == AWAKE else awake.clear)()
         elif message == STOP:
             parts.mailbox.request_stop()
         elif message == REPORT_STOP and len(reports) < _MAX_REPORTS:
             reports.append(asyncio.create_task(report_stop(parts, session)))
 
     await websocket.accept()
-    async with listening(websocket, hear):
+    async with listening(websocket, hear) as client:
         while (session := session_now(websocket)) is not None:
+            if not awake.is_set():  # the browser answers the connection's pings (console/server.py) for its page
+                wakes = asyncio.ensure_future(awake.wait())
+                with parts.heartbeats.asleep(session.operator):
+                    await asyncio.wait((client, wakes), return_when=asyncio.FIRST_COMPLETED)
+                wakes.cancel()
             ghost.watch(watch.view.status)
             own = msgspec.json.encode({"you": session.operator, "hand": parts.teleop.view, "ghost": ghost.view})
             # waits for a page that does not keep up: it is sent the newest view next, and none in between

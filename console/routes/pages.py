@@ -17,9 +17,11 @@ from console.review.logs import entry_of, opened_entry
 from console.routes.recordings import recording_entry
 from console.templates import TEMPLATES, mode_sheet, show, sign_in_page
 from rtstack.palette import MODE_STYLES
+from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Reaction
 from rtstack.teleoperation import reach
 from rtstack.trials.controllers import DEFAULT, controller_names, detector_names
+from rtstack.trials.tightening import limits_of_arms
 
 router = APIRouter(include_in_schema=False)
 
@@ -53,9 +55,13 @@ def operate(request: Request, parts: NeedsParts, token: str = "", code: str = ""
     """
     session = request.state.session
     if session is not None and not (token or code):
-        return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
+        limits = zip(parts.cell.sides, limits_of_arms(parts.cell), strict=True)
+        forces = {side: round(each.force_by_phase[ForcePhase.CONTACT]) for side, each in limits}
+        return show("operate.html", "operate", request, parts, reach=_REACH, force_limits=forces, **_CHOICES)
     if session is None and (token or code) and request.headers.get("sec-fetch-site", "none") in ("none", "same-origin"):
         return _signed_in(request, parts, token, code)
+    if parts.sign_in.reopened(token, session):
+        return RedirectResponse("/", status_code=303)
     if (session is None or session.token is None) and parts.sign_in.is_open(token):
         operator = "" if session is None else session.operator
         return sign_in_page(parts.sign_in.address, request.state.stopper, 200, token=token, operator=operator)

@@ -3,8 +3,10 @@
 import httpx
 import pytest
 
+from console.live.heartbeats import LOAD_S, OperatorHeartbeats
 from console.sign_in import MAX_GUESSES
 from rtstack.access.tokens import Scope
+from tests.support.console.served_console import serve_console
 
 
 def test_a_wrong_token_is_refused_and_does_not_spend_the_right_one(served):
@@ -116,3 +118,50 @@ def test_a_link_signs_no_browser_over_before_our_own_page_is_confirmed(served, l
         answer = httpx.post(f"{served.base}/sign-in", headers=browser | {"origin": served.base}, **form)
         assert (answer.status_code, sign_in.cookie in answer.headers["set-cookie"]) == (303, True)
         assert client.get("/api/me").status_code == (200 if foreign else 401)
+
+
+def test_a_restarted_console_knows_its_browsers_and_their_open_pages(tmp_path):
+    with serve_console(tmp_path) as first, first.signed_in() as (client, headers):
+        client.post("/api/take", json={"operator": "Ada"}, headers=headers).raise_for_status()
+        sign_in = first.parts.sign_in
+        key, stop = client.cookies[sign_in.cookie], client.cookies[sign_in.stop_cookie]
+        left = sign_in.redeem(sign_in.invite(Scope.VIEW))
+        assert left is not None
+        sign_in.end(left)
+    kept = tmp_path / "sessions.json"
+    assert kept.stat().st_mode & 0o077 == 0
+    assert key not in kept.read_text()
+    with serve_console(tmp_path) as second:
+        sign_in = second.parts.sign_in
+        assert sign_in.browser(left.key) is None
+        cookies = {sign_in.cookie: key}
+        with httpx.Client(base_url=second.base, cookies=cookies, trust_env=False, timeout=60.0) as client:
+            assert client.get("/api/me").json()["operator"] == "Ada"
+            assert client.get("/api/status").json()["holder"] is None  # control is not kept
+            assert client.post("/api/take", json={}, headers=headers).status_code == 200  # a page that stayed open
+            assert client.get("/", params={"token": sign_in.token}).status_code == 303  # the new address, printed
+            assert sign_in.token is None
+            assert client.get("/api/me").json()["operator"] == "Ada"
+        assert sign_in.stopper(stop) is not None
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '[{"digest": "x"}]'])
+def test_a_broken_file_of_sessions_signs_out_and_does_no_other_harm(tmp_path, content):
+    (tmp_path / "sessions.json").write_text(content)
+    with serve_console(tmp_path) as served, served.signed_in() as (client, _):
+        assert client.get("/api/me").json()["operator"] == "operator 1"
+
+
+def test_an_operator_is_there_while_a_page_loads_or_is_frozen():
+    now_s = 0.0
+    beats = OperatorHeartbeats(lambda: now_s)
+    assert not beats.heard("Ada")
+    beats.load("Ada")
+    now_s = LOAD_S - 0.1
+    assert beats.heard("Ada")
+    assert not beats.heard("Bob")
+    now_s = LOAD_S
+    assert not beats.heard("Ada")
+    with beats.asleep("Ada"):
+        assert beats.heard("Ada")
+    assert not beats.heard("Ada")

@@ -16,6 +16,7 @@ import pytest
 
 import console.sign_in
 from console.address import Address
+from console.session_file import SessionFile
 from console.sign_in import CODE_DIGITS, MAX_GUESSES, PAIRING_S, SignIn
 from hal.base.configuration import ConfigurationError
 from rtstack.access.authority import Authority
@@ -188,7 +189,7 @@ def test_a_host_that_cannot_be_is_one_line(options: list[str], words: str, tmp_p
 @pytest.fixture
 def sign_in(tmp_path: Path) -> Iterator[SignIn]:
     audit = AuditTrail(tmp_path / "audit.jsonl")
-    yield SignIn(Address(8080), Tokens(tmp_path), audit)
+    yield SignIn(Address(8080), Tokens(tmp_path), audit, SessionFile(tmp_path))
     audit.close()
 
 

@@ -1,6 +1,6 @@
 // Speaks with the server: every change carries the session's word, every failure becomes one line.
 
-const csrf = document.querySelector('meta[name="csrf-token"]').content;
+export const csrf = document.querySelector('meta[name="csrf-token"]').content;
 
 // status: as in HTTP, null where nothing answered.
 export class Refused extends Error {

@@ -92,7 +92,7 @@ function sentence(view) {
 function showState(view) {
   const { status, state, you } = view;
   const band = $("control-light");
-  band.dataset.phase = status?.phase ?? "unknown";
+  band.dataset.phase = (view.unreachable === null && status?.phase) || "unknown";
   band.dataset.state = state.word;
   write(band.querySelector(".word"), state.word);
   const held = $("held");
