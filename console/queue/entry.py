@@ -1,6 +1,6 @@
 """An entry of the queue: a trial with its state; and a sweep, which is many.
 
-Numbers are written as -60:10:60 (first, step, last), as 0:4 (with a step of 1), or one by one: -30, 0, 30.
+Numbers are written as -60:10:60 (first, step, last), as 0:4 (with a step of 1), or one by one: -30, 0; 30.
 """
 
 import math
@@ -131,7 +131,7 @@ class SweepSize:
 def numbers(field: str, text: str, most: float) -> list[float]:
     """Return the numbers of a text, each once, in its order. Raises Refused with the field's name."""
     found: list[float] = []
-    for part in text.replace(",", " ").split():
+    for part in text.replace(";", " ").replace(", ", " ").split():
         found += _range(field, part)
         if len(found) > MOST_VALUES:
             raise Refused(422, f"{field}: {part}: more than {MOST_VALUES} values; take a larger step")
@@ -158,7 +158,7 @@ def _range(field: str, part: str) -> Sequence[float]:
     except ValueError:
         values = []
     if not 1 <= len(values) <= 3 or not all(map(math.isfinite, values)):
-        raise Refused(422, f"{field}: {part[:40]!r} is none: give a number, or first:step:last such as -60:10:60")
+        raise Refused(422, f'{field}: "{part[:40]}" is not a list: write -12.5, 5 or -60:10:60')
     if len(values) == 1:
         return values
     first, last = values[0], values[-1]

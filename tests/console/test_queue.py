@@ -332,7 +332,7 @@ def test_the_time_left_comes_from_trials_of_the_same_reference():
 def test_a_sweep_is_every_combination_and_runs_the_controllers_of_a_place_one_after_the_other(operator, reference):
     order = {
         "reference": reference, "objects": ["rice_box"], "controllers": ["proposed", "no_interim"],
-        "displacements_mm": "-20:20:20", "seeds": "0, 7",
+        "displacements_mm": "-20:20:20", "seeds": "0; 7",
     }  # fmt: skip
     assert operator.post("queue/sweep/size", **order).json() == {"trials": 12, "room": MAX_ENTRIES}
     assert operator.queue()["entries"] == []
@@ -347,13 +347,14 @@ def test_a_sweep_is_every_combination_and_runs_the_controllers_of_a_place_one_af
 
 def test_a_sweep_that_cannot_be_is_one_line_that_names_its_field_and_adds_nothing(operator, reference):
     for change, status, says in (
-        ({"displacements_mm": "-60:x:60"}, 422, "displacements_mm: '-60:x:60' is none: give a number, or first:step"),
+        ({"displacements_mm": "-60:x:60"}, 422, 'displacements_mm: "-60:x:60" is not a list: write -12.5, 5 or'),
+        ({"displacements_mm": "-12,5"}, 422, 'displacements_mm: "-12,5" is not a list: write -12.5, 5 or -60:10:60'),
         ({"displacements_mm": "60:10:-60"}, 422, "displacements_mm: 60:10:-60: steps of 10 do not lead from 60 to -60"),
         ({"displacements_mm": "0:0:5"}, 422, "displacements_mm: 0:0:5: steps of 0"),
         ({"displacements_mm": "-1e6"}, 422, "displacements_mm: -1e+06 is beyond 1000"),
         ({"displacements_mm": "0:1e-9:900"}, 422, "displacements_mm: 0:1e-9:900: more than 500 values"),
         ({"displacements_mm": " , "}, 422, "displacements_mm: give a number"),
-        ({"yaws_deg": "nan"}, 422, "yaws_deg: 'nan' is none"),
+        ({"yaws_deg": "nan"}, 422, 'yaws_deg: "nan" is not a list'),
         ({"seeds": "0.5"}, 422, "seeds: 0.5: give whole numbers from 0 on"),
         ({"controllers": ["best"]}, 422, "controllers.0"),
         ({"controllers": []}, 422, "controllers"),

@@ -3,6 +3,7 @@
 import { get, post, remove } from "./api.js";
 import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
+import { numberOf } from "./numbers.js";
 
 const LOOK_MS = 500;
 const $ = (id) => document.getElementById(id);
@@ -96,7 +97,7 @@ export function startCalibration(form) {
     const body = { what: what.value };
     if (!side.disabled) body.side = side.value;
     if (!object.disabled) body.object = object.value;
-    if (!place[0].disabled) body.place = place.map((field) => field.valueAsNumber);
+    if (!place[0].disabled) body.place = place.map(numberOf);
     const stem = [body.what, body.side ?? body.object].filter(Boolean).join("-");
     const add = () => {
       let number = 1;

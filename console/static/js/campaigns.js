@@ -8,6 +8,7 @@ import { plain, when } from "./formats.js";
 import { startFrame } from "./frame.js";
 import { cell } from "./log_table.js";
 import { timeLeft } from "./queue.js";
+import { numberOf } from "./numbers.js";
 import { listenForSpace } from "./stop.js";
 import { startTabs } from "./tabs.js";
 import { Results } from "./results.js";
@@ -112,7 +113,7 @@ class Page {
     event.preventDefault();
     const { name, quick, nice, workers, on } = this.form.elements;
     const order = { name: name.value, quick: quick.checked, nice: nice.checked, on_cell: on.value === "cell" };
-    if (workers.value) order.workers = workers.valueAsNumber;
+    if (workers.value) order.workers = numberOf(workers);
     this.act("", order);
   }
 

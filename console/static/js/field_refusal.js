@@ -1,11 +1,14 @@
 // Shows why a form's input is refused: one line at the field, which is marked.
 
+import { isNumber, numberOf } from "./numbers.js";
+
 // form: with a .wrong and [data-field]s; what: "field: why", a line about no field, or null.
 export function showRefusal(form, what) {
   const wrong = form.querySelector(".wrong");
   const field = what === null ? null : form.querySelector(`[data-field="${what.split(":")[0].split(".")[0]}"]`);
   for (const element of form.querySelectorAll("[data-field]")) {
-    element.querySelector("input:not([type=checkbox])")?.setAttribute("aria-invalid", String(element === field));
+    const input = element.querySelector("input:not([type=checkbox])");
+    input?.setAttribute("aria-invalid", String(element === field || input.validity.customError));
     element.classList.toggle("invalid", element === field);
   }
   wrong.hidden = what === null;
@@ -20,10 +23,11 @@ export function showRefusal(form, what) {
 // Returns the values of the ticked boxes of a name.
 export const ticked = (form, name) => [...form.querySelectorAll(`[name="${name}"]:checked`)].map((box) => box.value);
 
-// Returns a field's value: a number for a number, whether a box is ticked, null for the empty choice of an optional list.
-export function valueOf({ type, tagName, required, value, valueAsNumber, checked }) {
+// Returns a field's value: a number for a number, plain text for a list of them, whether a box is ticked, null for the empty choice of an optional list.
+export function valueOf(field) {
+  const { type, tagName, required, value, checked } = field;
   if (type === "checkbox") return checked;
-  if (type === "number") return valueAsNumber;
+  if (isNumber(field)) return numberOf(field);
   return tagName === "SELECT" && !required && value === "" ? null : value;
 }
 

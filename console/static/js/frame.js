@@ -6,17 +6,21 @@ import { startEvents } from "./events.js";
 import { startLabels } from "./labels.js";
 import { Live } from "./live.js";
 import { startKeyboard } from "./keyboard.js";
+import { startNumbers } from "./numbers.js";
+import { startRequest } from "./request.js";
 import { startStop } from "./stop.js";
 import { startTheme } from "./theme.js";
 
 export function startFrame() {
   startTheme();
   startKeyboard();
+  startNumbers();
   startLabels();
   const live = new Live();
   startStop(live);
   startBar(live);
   startEvents(live);
   startClutch(live);
+  startRequest(live);
   return live;
 }

@@ -3,6 +3,7 @@
 import { get, post } from "./api.js";
 import { showError } from "./errors.js";
 import { bodyOf } from "./jobs.js";
+import { allRead } from "./numbers.js";
 import { LOOKS } from "./scope.js";
 
 const LOOK_MS = 300;
@@ -34,6 +35,7 @@ export function startGhost(form, live) {
   };
 
   button.addEventListener("click", async () => {
+    if (!allRead(form)) return;
     running = button.disabled = true;
     try {
       await post("/api/jobs/preview", bodyOf(form));

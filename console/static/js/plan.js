@@ -1,6 +1,7 @@
 // The trial's form in the scene: where the object is put and which way the pads go, before anything moves.
 
 import { post } from "./api.js";
+import { numberOf } from "./numbers.js";
 import { LOOKS } from "./scope.js";
 
 const WAIT_MS = 150;
@@ -28,7 +29,7 @@ export class Plan {
     const { form } = this;
     if (form.hidden) return {};
     const plan = { object: form.elements.object.value, reference: form.elements.reference.value };
-    for (const name of FIELDS) plan[name] = form.elements[name].validity.valid ? form.elements[name].valueAsNumber : 0;
+    for (const name of FIELDS) plan[name] = numberOf(form.elements[name]) || 0;
     return plan;
   }
 

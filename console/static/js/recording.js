@@ -6,6 +6,7 @@ import { ask } from "./dialog.js";
 import { Episodes } from "./episodes.js";
 import { showError } from "./errors.js";
 import { startFrame } from "./frame.js";
+import { allRead, numberOf } from "./numbers.js";
 import { startPlayback } from "./playback.js";
 import { RecordingPlot } from "./recording_plot.js";
 import { remarkText } from "./worth.js";
@@ -36,7 +37,7 @@ class Page {
     this.asked = 0;
     this.plots = new Map(PLOTS.map((name) => [name, new RecordingPlot($(name))]));
     for (const [key, id] of Object.entries(FIELDS)) {
-      $(id).addEventListener("change", () => this.look({ [key]: $(id).value === "" ? null : $(id).valueAsNumber }));
+      $(id).addEventListener("change", () => this.look({ [key]: $(id).value === "" ? null : numberOf($(id)) }));
     }
     $("detected").addEventListener("click", () => this.look({ nominal_impact_s: null }));
     $("trim").addEventListener("click", () => this.trim());
@@ -123,6 +124,7 @@ class Page {
   show(data) {
     this.data = data;
     const { extraction } = data;
+    for (const id of Object.values(FIELDS)) $(id).dataset.max = Math.ceil(extraction.whole_t_s.at(-1) ?? 999);
     $("extracted").hidden = true;
     this.decidable(true);
     $("impact").placeholder = extraction.detected_impact_s === null ? "none found" : extraction.detected_impact_s.toFixed(3);
@@ -190,6 +192,7 @@ class Page {
   }
 
   async say(verdict) {
+    if (!allRead()) return;
     const acceptance = { name: $("name").value.trim(), note: $("note").value, verdict, ...this.tried };
     this.tell({ accepted: "Accepting it.", rejected: "Rejecting it." }[verdict] ?? "Saving it.", "");
     this.decidable(false);

@@ -5,7 +5,7 @@ import { post } from "./api.js";
 import { closeDialog } from "./dialog.js";
 import { showError } from "./errors.js";
 
-const TEXT_TYPES = new Set(["text", "search", "number", "email", "url", "password", "tel"]);
+const TEXT_TYPES = new Set(["text", "search", "email", "url", "password", "tel"]);
 const OLD_S = 0.5;
 
 const SEEN_MS = 1000; // within it, arms that STOP has reached are at rest
@@ -42,7 +42,7 @@ export async function stop() {
 export function listenForSpace(target) {
   const swallow = (event) => {
     if (event.code !== "Space") return;
-    const typed = isTextField(event.target) && event.target.type !== "number"; // a number has no space
+    const typed = isTextField(event.target) && event.target.role !== "spinbutton"; // a number has no space
     if (typed && !mayMove()) return;
     event.preventDefault();
     event.stopImmediatePropagation();

@@ -10,7 +10,7 @@ const LISTS = ["controllers", "objects"];
 export class SweepForm {
   constructor(form) {
     this.form = form;
-    this.refusal = null; // why what is typed cannot be added
+    this.wrong = false; // what is typed cannot be added
     this.size = null;
     this.asked = 0;
     form.addEventListener("input", () => this.changed());
@@ -29,6 +29,7 @@ export class SweepForm {
     const asked = ++this.asked;
     const order = this.order();
     if (LOOKS || !order.reference) return;
+    if (Object.values(order).some(Number.isNaN)) return this.refuse(null, true); // its sentence stands at its field
     const empty = LISTS.find((name) => order[name].length === 0);
     if (empty) return this.refuse(`${empty}: tick one at least`);
     try {
@@ -42,14 +43,15 @@ export class SweepForm {
     }
   }
 
-  refuse(what) {
-    this.refusal = what;
+  // what: as from the server, null for none; wrong: whether a number is refused at its field.
+  refuse(what, wrong = what !== null) {
+    this.wrong = wrong;
     showRefusal(this.form, what);
   }
 
   // How many trials it is, in words.
   get words() {
-    if (this.size === null || this.refusal !== null) return "";
+    if (this.size === null || this.wrong) return "";
     return this.size.trials === 1 ? "1 trial" : `${this.size.trials} trials, one after the other`;
   }
 }

@@ -49,5 +49,5 @@ form.addEventListener("submit", async (event) => {
 live.onView(({ status, you }) => {
   const lease = status?.holder === you ? null : "take control first, then fill the queue";
   const missing = references.count ? null : "no reference yet: record and accept one, or plan one with rtstack plan";
-  showWhy(form, lease ?? missing ?? (sweep.refusal === null ? null : "see above"), sweep.words);
+  showWhy(form, lease ?? missing ?? (sweep.wrong ? "correct what is marked" : null), sweep.words);
 });
