@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fastapi import APIRouter
 from pydantic.dataclasses import dataclass as checked
 
-from console.parts import NeedsParts, NeedsSession, Parts
+from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
 from console.sign_in import UserSession
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
@@ -52,6 +52,31 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     except (RobotRefused, RobotUnreachable):
         parts.sign_in.rename(session, session.operator)
         raise
+
+
+@router.post("/request")
+def request(session: NeedsSession, parts: NeedsParts) -> Status:
+    """Ask the operator who has control for it. The pages of both show the question; nothing else changes."""
+    status = parts.client.status()
+    if status.holder is None or status.holder == session.operator:
+        raise RobotRefused(f"{'you have' if status.holder else 'no operator has'} control: there is none to ask")
+    parts.request.ask(session.operator, status.holder)
+    return status
+
+
+@router.post("/request/keep")
+def keep(holder: NeedsHolder, parts: NeedsParts) -> None:
+    """Answer a request for control: no."""
+    parts.request.keep(holder.operator)
+
+
+@router.post("/request/give")
+def give(holder: NeedsHolder, parts: NeedsParts) -> Status:
+    """Answer a request for control: hand it over, while nothing moves; the cell is disarmed."""
+    asked = parts.request.view(holder.operator)
+    if asked is None:
+        raise RobotRefused("no operator asks for control any more")
+    return parts.watch.learn(parts.client.take(asked.operator, holder.operator))
 
 
 @router.post("/beat")

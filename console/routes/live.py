@@ -90,8 +90,12 @@ async def live(websocket: WebSocket) -> None:
                 with parts.heartbeats.asleep(session.operator):
                     await asyncio.wait((client, wakes), return_when=asyncio.FIRST_COMPLETED)
                 wakes.cancel()
-            ghost.watch(watch.view.status)
-            own = msgspec.json.encode({"you": session.operator, "hand": parts.teleop.view, "ghost": ghost.view})
+            status = watch.view.status
+            ghost.watch(status)
+            own = msgspec.json.encode({
+                "you": session.operator, "hand": parts.teleop.view, "ghost": ghost.view,
+                "request": parts.request.view(status and status.holder),
+            })  # fmt: skip
             # waits for a page that does not keep up: it is sent the newest view next, and none in between
             await websocket.send_text((watch.document[:-1] + b"," + own[1:]).decode())
             await asyncio.sleep(_PERIOD_S)

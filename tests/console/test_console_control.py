@@ -7,6 +7,7 @@ from contextlib import closing
 import httpx
 import pytest
 
+from console.live.control_request import ANSWER_S
 from rtstack.live.client import RobotClient
 from rtstack.live.protocol import JobState
 from rtstack.safety.arming import LEASE_S
@@ -185,3 +186,32 @@ def test_the_console_gives_a_sign_of_life_by_itself(served):
     first_ns = served.mailbox.console_beat_ns
     wait_for(lambda: served.mailbox.console_beat_ns > first_ns)
     assert served.mailbox.console_beat_ns <= time.monotonic_ns()
+
+
+def test_a_request_for_control_is_answered_by_its_holder_alone(served):
+    cookies, other = served.second_session()
+    asks = {"cookies": cookies, "headers": other, "trust_env": False, "timeout": 60.0}
+    with served.signed_in() as (client, headers):
+
+        def ask():
+            return httpx.post(f"{served.base}/api/request", json={}, **asks)
+
+        assert "no operator has control" in ask().json()["error"]
+        post(client, headers, "take", operator="ada")
+        assert post(client, headers, "request").status_code == 409  # of oneself
+        assert post(client, headers, "request/give").status_code == 409  # no request
+        assert ask().json()["holder"] == "ada"
+        asker = served.parts.request.view("ada").operator
+        assert httpx.post(f"{served.base}/api/request/give", json={}, **asks).status_code == 409
+        with closing(socket(served, "/live", client)) as live:
+            assert json.loads(live.recv())["request"] == {
+                "operator": asker, "holder": "ada", "kept": False, "silent": False,
+            }  # fmt: skip
+        post(client, headers, "request/keep")
+        assert served.parts.request.view("ada").kept
+        ask()
+        served.parts.request._clock = lambda: time.monotonic() + ANSWER_S
+        assert served.parts.request.view("ada").silent
+        assert post(client, headers, "request/give").json()["holder"] == asker
+        assert served.parts.request.view(asker) is None
+    assert ("takeover", asker) in served.trail()
