@@ -23,6 +23,7 @@ from hal import extensions
 from hal.base.extras import published_for
 from rtstack.cells import default_cell_file
 from rtstack.cli.app import main
+from rtstack.cli.first_use import compile_once
 from rtstack.experiments.registry import installed_plans
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.trials.controllers import DEFAULT
@@ -48,6 +49,13 @@ pytest.register_assert_rewrite("tests.support")
 # the first example may compile code, and shared machines stall: correctness is never a matter of wall-clock here
 settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")
+
+
+def pytest_sessionstart() -> None:
+    """Compile once for all workers and all processes of tests, whose stacks then have nothing to say about it."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        compile_once(1)
+        compile_once(2)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -4,6 +4,7 @@ import os
 import sys
 from ipaddress import ip_address
 from pathlib import Path
+from socket import socket
 from typing import Annotated
 
 import typer
@@ -44,9 +45,13 @@ def up(
     """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
     kind = _chosen_kind(cell_kind, left, right, profile)
     require("console")
+    from rtstack.cli.first_use import compile_once
+
     address = _address(host, https)
-    source = _cell_file(cell_file or cell, kind)
+    source, arms = _cell_file(cell_file or cell, kind)
     _make_log_folder(logs)
+    _listener(port, address).close()  # a port that cannot be used is said before what takes a minute
+    compile_once(arms)
     raise typer.Exit(run_stack(StackSettings(port, logs, source, kind, address, https)))
 
 
@@ -62,8 +67,11 @@ def robot(
     profile: Profile = None,
 ) -> None:
     """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until an operator arms."""
-    shared = _shared(run_folder, logs, cell_file or cell, _chosen_kind(cell_kind, left, right, profile))
+    from rtstack.cli.first_use import compile_once
+
+    shared, arms = _shared(run_folder, logs, cell_file or cell, _chosen_kind(cell_kind, left, right, profile))
     _make_log_folder(logs)
+    compile_once(arms)
     _become("rtstack.live.robot", shared)
 
 
@@ -82,12 +90,9 @@ def console(
     """Run the console alone, beside `rtstack robot`, with the same options."""
     kind = _chosen_kind(cell_kind, left, right, profile)
     require("console")
-    shared = _shared(run_folder, logs, cell_file or cell, kind)
+    shared, _ = _shared(run_folder, logs, cell_file or cell, kind)
     find_rings(run_folder)
-    try:
-        listener = listen(port)
-    except StackError as error:
-        raise TrialError(str(error)) from None
+    listener = _listener(port)
     _make_log_folder(logs)
     listener.set_inheritable(True)
     _become("console", [*shared, "--listener", str(listener.fileno())])
@@ -140,19 +145,29 @@ def _make_log_folder(logs: Path) -> None:
         raise TrialError(f"cannot write logs to {logs}: {error.strerror}") from None
 
 
-def _cell_file(cell_file: Path | None, kind: str) -> Path:
-    """Return the description of a cell that can be of this kind. Raises TrialError, ConfigurationError."""
+def _cell_file(cell_file: Path | None, kind: str) -> tuple[Path, int]:
+    """Return the file of a cell that can be of this kind, and how many arms it has. Raises TrialError,
+    ConfigurationError."""
     from rtstack.cells import load_description
     from rtstack.live.source import described_as
 
     source = load_description(cell_file)[1]
-    described_as(source, kind)
-    return source
+    return source, len(described_as(source, kind).sides)
 
 
-def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> list[str]:
-    source = _cell_file(cell_file, kind)
-    return ["--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}"]
+def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> tuple[list[str], int]:
+    source, arms = _cell_file(cell_file, kind)
+    return [
+        "--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}",
+    ], arms  # fmt: skip
+
+
+def _listener(port: int, host: str = LOOPBACK) -> socket:
+    """Return the console's listening socket. Raises TrialError."""
+    try:
+        return listen(port, host)
+    except StackError as error:
+        raise TrialError(str(error)) from None
 
 
 def _become(module: str, arguments: list[str]) -> None:
