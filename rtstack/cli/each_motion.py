@@ -17,7 +17,7 @@ from rtstack.cells import default_cell_file, load_description
 from rtstack.experiments.simulation import simulated
 from rtstack.live.parent_watch import watch_parent
 from rtstack.playback.run import prepare_playback
-from rtstack.teleoperation.policy import Chunk, Observation
+from rtstack.teleoperation.policy import Chunk, Observation, Policy
 from rtstack.trials.demonstration import prepare_demonstration
 from rtstack.trials.specification import (
     DemonstrationSpecification,
@@ -29,7 +29,7 @@ from rtstack.trials.teleoperation import RATE_HZ, PreparedPolicy
 from rtstack.trials.trial import prepare_trial
 
 
-class _Still:
+class _Still(Policy):
     """A policy that leaves the pads where they are, and ends."""
 
     def act(self, observation: Observation) -> Chunk:
