@@ -34,6 +34,18 @@ class TrialOrder(specification.TrialSpecification):
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
+class PlanOrder:
+    """A grab to be planned. speed: of both pads when they meet the object, m/s; height: of the pads over its centre
+    there, m; squeeze: force of each pad, N. null, or left out: as `rtstack plan`.
+    """
+
+    object: ObjectName
+    speed: float | None = None
+    height: float | None = None
+    squeeze: float | None = None
+
+
+@checked(frozen=True, slots=True, config=MESSAGE)
 class DemonstrationOrder(specification.DemonstrationSpecification):
     """A scripted demonstration."""
 

@@ -11,6 +11,7 @@ from fastapi.requests import HTTPConnection
 from console.address import Address
 from console.calibration import CellCalibration
 from console.campaigns.campaigns import Campaigns
+from console.live.control_request import ControlRequest
 from console.live.heartbeats import OperatorHeartbeats
 from console.live.watch import STATUS_TIMEOUT_S, Watch
 from console.panels import Panels
@@ -23,7 +24,7 @@ from console.review.cache import ReviewCache
 from console.review.layouts import Layouts
 from console.review.scene import ReviewScenes
 from console.scene.ghost import GhostPlayer
-from console.scene.preview import Preview
+from console.scene.preview import Planner, Preview
 from console.scene.scenes import Scenes
 from console.session_file import SessionFile
 from console.sign_in import SignIn, UserSession
@@ -52,6 +53,7 @@ class Parts:
     client: RobotClient
     mailbox: Mailbox
     heartbeats: OperatorHeartbeats
+    request: ControlRequest
     watch: Watch
     catalogue: Catalogue
     scenes: Scenes
@@ -61,6 +63,7 @@ class Parts:
     queue: Queue
     campaigns: Campaigns
     preview: Preview
+    planner: Planner
     trainer: Trainer
     questions: Questions
     layouts: Layouts
@@ -91,6 +94,7 @@ def assemble(
         client=client,
         mailbox=mailbox,
         heartbeats=heartbeats,
+        request=ControlRequest(),
         watch=watch,
         catalogue=catalogue,
         scenes=kept(Scenes(cell, watch, teleop, questions, ghost)),
@@ -100,6 +104,7 @@ def assemble(
         queue=queue,
         campaigns=kept(Campaigns(logs, socket_path)),
         preview=kept(Preview(cell_file, ghost, profile)),
+        planner=kept(Planner(cell_file, ghost, logs)),
         trainer=kept(Trainer(watch)),
         questions=questions,
         layouts=Layouts(logs),

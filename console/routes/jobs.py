@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from fastapi import APIRouter
 from fastapi.exceptions import HTTPException
 
-from console.orders import DemonstrationOrder, MoveOrder, PlaybackOrder, TeleoperationOrder, TrialOrder
-from console.parts import NeedsParts, NeedsSession, Parts, takes_two_arms
+from console.orders import DemonstrationOrder, MoveOrder, PlanOrder, PlaybackOrder, TeleoperationOrder, TrialOrder
+from console.parts import NeedsParts, NeedsSession, Parts, check_objects, takes_two_arms
 from console.refused import Refused
 from console.review.logs import listed
 from console.routes.problems import problems
@@ -87,6 +87,33 @@ def begin_preview(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -
 def preview(parts: NeedsParts) -> PreviewView:
     """Return how far the newest preview is, and what came out."""
     return parts.preview.view
+
+
+@router.post("/plans", status_code=202, dependencies=[_TWO_ARMS])
+def plan(order: PlanOrder, session: NeedsSession, parts: NeedsParts) -> PreviewView:
+    """Plan a grab without a demonstration, and show it in the scene as a ghost. No arm moves, no control is needed."""
+    check_objects(parts, "object", order.object)
+    return parts.planner.plan(order)
+
+
+@router.get("/plans")
+def planned(parts: NeedsParts) -> PreviewView:
+    """Return how far the newest plan is, and what came out."""
+    return parts.planner.view
+
+
+@router.delete("/plans")
+def cancel_plan(session: NeedsSession, parts: NeedsParts) -> PreviewView:
+    """Give up what is being planned."""
+    parts.planner.close()
+    return parts.planner.view
+
+
+@router.post("/plans/reference", status_code=201)
+def use_plan(session: NeedsSession, parts: NeedsParts) -> dict[str, str]:
+    """Put the newest plan among the logs, as what a trial may follow; return its id."""
+    path = parts.planner.keep()
+    return {"id": next((entry.id for entry in parts.catalogue.entries() if entry.path == path), "")}
 
 
 @router.post("/jobs/playback", status_code=202, responses=problems(404))
