@@ -196,7 +196,7 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     if not admission.alive:
         return
     if message.clutch:
-        teleop.press(operator, admission.latest_ns)
+        teleop.press(operator, admission.latest_ns, message.lead)
     elif message.grip:
         teleop.grip(operator, admission.latest_ns)
     if admission.drop is not None:

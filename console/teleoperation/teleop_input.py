@@ -67,11 +67,13 @@ class TeleopInput:
         """How things are now."""
         with self._lock:
             self._notice()
+            leading = self._by is not None and self._goal is not None and self._asked is not None
             return TeleopView(
                 self._by is not None, self._coupling, self._speed, self._stiffness,
                 self._dropped or self._late or self._refusal or self.policies.refused,
                 self._handles, len(self._grips.drags), tuple(self._gate.dropped), self._latency.view(),
                 self._watch.view.number, self.policies.leads, self.policies.names,
+                leading and not np.allclose(self._asked, self._goal[1], atol=1e-4),
             )  # fmt: skip
 
     @property
@@ -128,14 +130,16 @@ class TeleopInput:
                     self._target[name] = getattr(admission, name)
             return admission
 
-    def press(self, operator: str, made_ns: int | None = None) -> None:
+    def press(self, operator: str, made_ns: int | None = None, lead: Lead | None = None) -> None:
         """Hold the clutch, or give a sign of life of one that is held. Raises RobotRefused with the reason.
 
         made_ns: when it was given, None for now: one that was long under way does not keep the arms going for longer.
+        lead: what leads the hands meanwhile; the next one after none begins anew.
         """
         with self._lock:
             job = self._running(operator)
             self._notice()
+            self._goal = self._goal if lead else None
             if self._by is None:
                 if self._dropped is not None:
                     raise RobotRefused(self._dropped)

@@ -69,6 +69,7 @@ def test_the_holder_moves_both_arms_and_the_loop_reads_it_whole(running):
     assert said == {
         "held": True, "coupling": "separate", "speed_m_s": 0.1, "stiffness_n_m": 150.0, "refusal": None, "policies": [],
         "handles": "move", "drags": 0, "dropped": [0, 0, 0, 0], "latency": None, "policy": None,
+        "leading": False,
     }  # fmt: skip
     read = target(served)
     np.testing.assert_allclose(read["pose"], [left, POSES[1]])
@@ -360,6 +361,23 @@ def test_the_last_drag_is_undone_while_the_clutch_is_held_and_no_faster_than_the
         clock_ns[0] += 20_000_000
     np.testing.assert_allclose(target(served)["pose"], POSES, atol=1e-9)
     assert served.parts.teleop.view.drags == 0
+
+
+def test_one_drag_after_the_other_is_undone_while_the_clutch_stays_held(running, clock_ns):
+    """What leads is said by each command; the next one after none leads back before the next drag."""
+    served, client, headers = running
+    say(client, headers, clutch=True)
+    for _ in range(2):
+        drag(served, "start", "update", "end")
+    assert served.parts.teleop.view.drags == 2
+    for left in (1, 0):
+        while not (ended := served.parts.teleop.view.drags == left and not served.parts.teleop.view.leading):
+            clock_ns[0] += 20_000_000
+            assert say(client, headers, clutch=True, lead="undo", speed_m_s=0.2).status_code == 200
+        assert ended
+        say(client, headers, clutch=True)
+        assert not served.parts.teleop.view.leading
+    np.testing.assert_allclose(target(served)["pose"], POSES, atol=1e-4)
 
 
 def test_a_click_on_a_gizmo_is_nothing_to_undo(running, clock_ns):
