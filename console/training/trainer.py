@@ -3,6 +3,7 @@
 import random
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -12,6 +13,7 @@ from console.live.watch import EventView, Watch
 from hal.base.configuration import load_toml
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Status
+from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, save_acceptance
 
 
 class Action(StrEnum):
@@ -105,7 +107,7 @@ class Trainer:
 
     def _run(self, exercise: Exercise, at_s: float, job: int) -> None:
         number, began_s, fault_s = max((event.number for event in self._watch.events()), default=0), None, None
-        seen, since_s = False, time.monotonic()
+        seen, since_s, log = False, time.monotonic(), None
         while not self._ending.wait(_LOOK_S):
             status = self._watch.view.status
             now = None if status is None else status.job
@@ -114,6 +116,11 @@ class Trainer:
                     continue  # what the watch shows may be older than the answer to the order
                 return self._over(exercise, job, None, None)  # another job has begun
             seen = True
+            if log is None and status is not None and (log := now.log) is not None:
+                with suppress(AcceptanceError):  # its log is no example to be decided about
+                    save_acceptance(
+                        Path(status.logs) / log, Acceptance(verdict=AcceptanceState.REJECTED, note="training")
+                    )
             now_s = self._watch.robot_time_s()
             # what is seen first may be the last state of the job before, on its clock
             if (began_s is None and self._watch.view.arms[0].mode == "TELEOPERATION") or (began_s or 0.0) > now_s:
