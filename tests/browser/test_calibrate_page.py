@@ -19,6 +19,7 @@ from sim_robot.cell import simulated_cell
 from sim_robot.profile import load_profile
 from tests.support.built_cell import led, profile
 from tests.support.console.chromium import leave_scene_undrawn
+from tests.support.console.operate_page import choose_tab
 from tests.support.console.served_console import serve_console
 
 pytestmark = pytest.mark.browser
@@ -106,7 +107,7 @@ def test_an_older_answer_does_not_take_the_place_of_a_newer_one(console):
     page.route("**/api/calibration", lambda route: older.append((route, route.fetch())), times=1)
     page.reload()
     page.click("#take")
-    page.click("#tab-calibration")
+    choose_tab(page, "calibration")
     page.select_option("#calibration [name=what]", "meet")
     page.click("#calibration [type=submit]")
     page.wait_for_timeout(1000)  # the answer to it, unless it waits for the older one
@@ -128,7 +129,7 @@ def test_a_cell_that_is_built_wrong_is_calibrated_on_the_page_and_grabs(console,
     homes, wizard = cell.states["q"].copy(), Wizard(page)
     with shown(served.rings, cell):
         page.click("#take")
-        page.click("#tab-calibration")
+        choose_tab(page, "calibration")
         expect(page.locator("#calibration-now")).to_contain_text("has no date of a calibration")
         for k in range(POSES):
             led(cell, homes, rng)

@@ -8,6 +8,7 @@ from playwright.sync_api import expect
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from tests.support.console.chromium import READY_MS
+from tests.support.console.operate_page import open_settings
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(600)]
 LOST = "the operator let go: the page lost the operator's hand"
@@ -46,6 +47,7 @@ def page(emulated):
     page.click("#tab-hand")
     emulated.arm()
     page.check("input[name=release][value=hold]", force=True)
+    open_settings(page)
     page.check("input[name=handles][value=move]", force=True)
     page.click("#record")
     expect(page.locator("#recording")).to_contain_text("REC")

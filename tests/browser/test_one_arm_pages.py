@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.console.chromium import NODES, in_scene
+from tests.support.console.operate_page import choose_tab
 from tests.support.one_arm import one_arm_file
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
@@ -66,7 +67,7 @@ def test_operate_shows_this_arm_alone(page):
     found = nodes(page)
     assert {"/grip/left", "/force/left"} <= set(found)
     assert not [path for path in found if "right" in path]
-    page.click("#tab-calibration")
+    choose_tab(page, "calibration")
     nothing_of_the_other(page)
     page.click("#tab-hand")
 

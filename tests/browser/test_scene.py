@@ -6,6 +6,8 @@ from playwright.sync_api import expect
 
 from rtstack.samples import SIDES
 from tests.support.console.chromium import NODES, READY_MS, in_scene
+from tests.support.console.look import switch_theme
+from tests.support.console.operate_page import look, open_settings
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
 FINDS_DEMONSTRATION = True
@@ -76,7 +78,7 @@ def test_what_was_chosen_stays_chosen(console):
         for name in ("displacement_mm", "object", "controller")
     }
     page.click("#tab-hand")
-    page.get_by_text("holds", exact=True).click()
+    page.get_by_text("hold position", exact=True).click()
     page.get_by_text("mirrored", exact=True).click()
     page.goto("/logs")
     page.goto("/")
@@ -88,7 +90,7 @@ def test_what_was_chosen_stays_chosen(console):
             {"release": "hold", "coupling": "mirrored"}[name]
         )
     page.click("#tab-hand")
-    page.get_by_text("stops", exact=True).click()
+    page.get_by_text("end recording", exact=True).click()
     page.get_by_text("separate", exact=True).click()
     page.click("#tab-trial")
     page.select_option("#trial select[name=object]", index=0)
@@ -100,7 +102,7 @@ def test_the_camera_goes_where_it_is_sent_and_the_scene_grows_without_covering_s
     first = in_scene(page, CAMERA)
     places = [first]
     for button, key in (("front", "f"), ("top", "t"), ("along", "y")):
-        page.locator(".scene-tools").get_by_text(button, exact=True).click()
+        look(page, button)
         before = places[-1]
         place = in_scene(page, CAMERA, lambda place, before=before: np.linalg.norm(np.subtract(place, before)) > 0.5)
         page.wait_for_timeout(2000)  # on its way
@@ -111,7 +113,7 @@ def test_the_camera_goes_where_it_is_sent_and_the_scene_grows_without_covering_s
         assert all(np.linalg.norm(np.subtract(place, other)) > 0.5 for other in places)
         places.append(place)
     small = page.locator(".scene").bounding_box()
-    page.click("#enlarge")
+    look(page, "enlarge")
     large, stop = page.locator(".scene").bounding_box(), page.locator("#stop").bounding_box()
     assert small
     assert large
@@ -125,14 +127,14 @@ def test_the_camera_goes_where_it_is_sent_and_the_scene_grows_without_covering_s
     page.locator("body").press("v")
     expect(page.locator(".scene")).to_have_class("scene large")
     page.locator("body").press("Escape")
-    page.click("#home")
+    look(page, "reset view")
 
 
 def test_the_ground_of_the_scene_is_the_themes(console):
     page = console.page
     grounds = set()
     for _ in range(2):
-        page.click("#theme")
+        switch_theme(page)
         wanted = page.locator(".scene").evaluate("place => getComputedStyle(place).backgroundColor")
         grounds.add(in_scene(page, GROUND, lambda ground, wanted=wanted: ground == wanted))
     assert len(grounds) == 2
@@ -183,8 +185,9 @@ def test_a_mouse_alone_moves_an_arm_and_takes_it_back(console):
     """The button that drags the gizmo is the clutch; without it, and without C, the page says why nothing moves."""
     page = console.page
     page.click("#tab-hand")
+    open_settings(page)
     page.uncheck("#drag-holds")
-    page.get_by_text("holds", exact=True).click()
+    page.get_by_text("hold position", exact=True).click()
     drawn_anew(page)
     console.arm()
     page.click("#practise")
@@ -196,7 +199,7 @@ def test_a_mouse_alone_moves_an_arm_and_takes_it_back(console):
     drag_up(page)
     expect(page.locator("#hand-line")).to_contain_text("the clutch is not held")
     in_scene(page, "window.before = 1")
-    page.click("#home")  # from the first place again, for which the scene is loaded
+    look(page, "reset view")  # from the first place again, for which the scene is loaded
     in_scene(page, "window.before ?? 0", lambda before: not before)
     drawn_anew(page)
     home = in_scene(page, HEIGHT)
@@ -206,15 +209,15 @@ def test_a_mouse_alone_moves_an_arm_and_takes_it_back(console):
     raised = in_scene(page, HEIGHT, lambda now: now - home > 0.5 * RAISED_M)
     assert raised - home < 1.5 * RAISED_M
     expect(page.locator("#undo")).to_be_enabled()
-    page.hover("#undo")
-    page.mouse.down()
-    expect(page.locator("#hand-line")).to_contain_text("Let go of Undo: they hold where they are")
+    page.click("#undo")
+    expect(page.locator("#hand-line")).to_contain_text("The last drag is undone")
     in_scene(page, HEIGHT, lambda now: abs(now - home) < 0.005)
-    page.mouse.up()
+    expect(page.locator("#clutch")).to_have_attribute("data-state", "ready")  # let go of by itself
+    expect(page.locator("#undo")).to_have_attribute("title", "No drag to undo")
     page.click("#finish")
     expect(page.locator("#job-line")).to_contain_text("succeeded", timeout=READY_MS)
     page.uncheck("#drag-holds")
-    page.get_by_text("stops", exact=True).click()
+    page.get_by_text("end recording", exact=True).click()
 
 
 PAD = """() => {
@@ -227,6 +230,7 @@ navigator.getGamepads = () => [window.pad];
 def test_a_gamepads_mapping_is_shown_as_it_is_pressed_with_its_rotation(console):
     page = console.page
     page.click("#tab-hand")
+    open_settings(page)
     expect(page.locator("#gamepad")).to_be_hidden()
     page.evaluate(PAD)
     expect(page.locator("#gamepad li")).to_have_count(6)

@@ -42,6 +42,7 @@ from rtstack.samples import Mode
 from tests.programs import choose, program
 from tests.programs.dead_man import ALLOWED_MS, BETWEEN_S, TRIES, click_on
 from tests.support.console.attacks import BESIDE
+from tests.support.console.operate_page import open_settings
 from tests.support.console.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
 from tests.support.console.stack import SoakFailed
 from tests.support.metal.metal import Metal
@@ -83,6 +84,7 @@ def by_touch(scene: OperatorScene) -> Act:
     session.send("Emulation.setTouchEmulationEnabled", {"enabled": True})
 
     def hold(page: Page) -> None:
+        open_settings(page)
         page.click("#phone")
         turn({"alpha": 0.0, "beta": 0.0, "gamma": 0.0})
         box = page.locator("#clutch").bounding_box()

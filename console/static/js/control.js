@@ -7,7 +7,11 @@ import { LOOKS } from "./scope.js";
 
 const KEY = "rtstack.operator";
 const ORDERS = ["take", "release", "arm", "disarm", "recover"];
+const PLACES = ["take", "arm", "recover", "disarm"]; // they share one place
+const ACTIVE = new Set(["starting", "running", "stopping"]);
 const WHILE = { moving: "moving", recovering: "recovering" };
+
+const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1).replace(/\.$/, "")}.`;
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -32,12 +36,40 @@ export function whyNot(view) {
   return status.refusal;
 }
 
+// The next step, in a sentence.
+function step({ status, you, unreachable, request }) {
+  if (LOOKS) return `${LOOKS}.`;
+  if (unreachable) return sentence(unreachable);
+  const { phase, holder, reason, job } = status;
+  if (phase === "fault") {
+    const known = (job?.reason ?? "").includes(reason); // the line of the job says it
+    return `${known || !reason ? "" : `${sentence(reason)} `}Press Recover once the cause is gone.`;
+  }
+  if (phase === "recovering") return `${TWO ? "The arms clear their errors" : "The arm clears its errors"}.`;
+  if (holder === null) return `Take control to move ${TWO ? "the arms" : "the arm"}.`;
+  if (holder !== you) {
+    if (request?.operator !== you) return `${holder} has control.`;
+    return request.kept ? `${holder} keeps control.` : request.silent ? `${holder} does not answer.` : `Wait: ${holder} was asked for control.`;
+  }
+  if (phase === "disarmed") return "Arm to allow motion.";
+  if (job && ACTIVE.has(job.state)) {
+    if (job.state === "starting") return "Wait: it is being prepared, and nothing moves.";
+    if (job.state === "stopping") return "Wait: it is being stopped.";
+    return job.kind === "teleoperation" ? "Move by hand, then press Finish." : "Wait until it ends, or cancel it.";
+  }
+  const undecided = document.querySelector("#episode-outcome:not([hidden])");
+  if (undecided && !undecided.querySelector("[aria-pressed=true]")) return "Keep, fail or discard it; Again repeats it.";
+  const act = [...document.querySelectorAll("main .act")].find((each) => each.checkVisibility());
+  return act && !act.disabled ? `Press ${act.textContent.trim()} below.` : "Choose below what to do.";
+}
+
 export class Control {
   constructor(live) {
     this.view = null;
     this.name = document.getElementById("operator");
     this.name.value = localStorage.getItem(KEY) ?? "";
     this.actions("take", "Control was not taken", () => {
+      if (button("take").dataset.asks) return post("/api/request");
       const order = { operator: this.name.value.trim() || null };
       if (button("take").dataset.from) order.over_from = button("take").dataset.from;
       if (order.operator) localStorage.setItem(KEY, order.operator);
@@ -69,6 +101,7 @@ export class Control {
     if (status === null || view.unreachable) {
       const why = view.unreachable ?? "the robot process has not answered yet";
       for (const id of ORDERS) allow(id, why, "");
+      write(document.getElementById("step"), sentence(why));
       return;
     }
     const { phase, holder } = status;
@@ -79,22 +112,32 @@ export class Control {
     this.name.disabled = mine;
     this.name.placeholder = you;
     button("take").dataset.from = from;
-    write(button("take"), from ? "Take over" : "Take control");
-    allow("take", LOOKS ? LOOKS : mine ? "You have control" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
-      from ? `Take over from ${from}: ${from} loses control, and the cell is disarmed` : "While you have it no other operator can start a motion");
+    const asked = view.request?.operator === you ? view.request : null;
+    const wait = asked && !asked.silent && !asked.kept;
+    button("take").dataset.asks = from && !asked?.silent ? "yes" : "";
+    write(button("take"), !from ? "Take control" : asked?.silent ? "Take over" : "Ask for control");
+    allow("take", LOOKS ? LOOKS : mine ? "You have control" : wait ? `${from} has not answered yet` : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
+      !from ? "While you have it no other operator can start a motion" : asked?.silent
+        ? `${from} has not answered. Take over: ${from} loses control, and the cell is disarmed` : `${from} sees the question, and can hand control over`);
     allow("release", mine ? null : "You do not have control", "Give control back; the cell is disarmed, and what moves stops");
     allow("arm", !mine ? "Take control first" : phase === "armed" ? "Armed" : busy, "Allow motion until you disarm, release or press STOP");
     allow("disarm", phase === "armed" || phase === "moving" ? null : "The cell is not armed", "Allow no motion; what moves stops");
 
-    // in a fault nothing can be armed: the way out of it stands there instead
     const fault = phase === "fault" || phase === "recovering";
-    button("arm").hidden = fault;
-    button("recover").hidden = !fault;
-    const active = status.job && ["starting", "running", "stopping"].includes(status.job.state);
+    const active = status.job && ACTIVE.has(status.job.state);
     allow("recover", LOOKS ? LOOKS : active ? "Wait until the job has ended" : phase === "recovering" ? `${TWO ? "The arms are" : "The arm is"} recovering` : null,
       `Clear what ${TWO ? "the arms have" : "the arm has"} latched, once its cause is gone`);
+    this.place(fault ? "recover" : !mine ? "take" : phase === "disarmed" ? "arm" : "disarm", mine);
+    write(document.getElementById("step"), step(view));
+  }
 
-    const next = fault ? "recover" : mine ? (phase === "disarmed" ? "arm" : "") : "take";
-    for (const id of ORDERS) button(id).classList.toggle("next", id === next);
+  // One button at a time, all in one place; a name is typed before control is taken, and control is given back after it.
+  place(next, mine) {
+    for (const id of PLACES) {
+      button(id).dataset.away = String(id !== next);
+      button(id).classList.toggle("next", id === next && id !== "disarm");
+    }
+    button("release").dataset.away = String(!mine);
+    this.name.parentElement.dataset.away = String(mine);
   }
 }

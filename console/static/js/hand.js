@@ -7,7 +7,8 @@ import { isTextField } from "./stop.js";
 
 const BEAT_MS = 50;
 const RETRY_MS = 1000;
-const LEADS = { undo: "undo", straighten: "straighten" }; // buttons that hold the clutch, and lead the hands meanwhile
+const THERE_MS = 600; // after the request is where it is led to: the filtered command comes after it
+const LONGEST_MS = 15_000; // of a way back
 
 export class Hand {
   constructor(live) {
@@ -20,6 +21,7 @@ export class Hand {
     this.usable = false; // whether a teleoperation of ours runs
     this.held = false; // as we hold it
     this.by = null; // what holds it: key, button, mouse, undo, straighten, guide, or a device's name
+    this.leading = null; // undo or straighten while the hands are led: {name, sinceMs, thereMs}
     this.dragHolds = false; // whether a mouse button that is down in the scene holds the clutch, once it drags a gizmo
     this.problem = null;
     this.dropped = null; // what held it when the console let go: it has to be let go before it holds again
@@ -93,7 +95,30 @@ export class Hand {
     this.tell();
   }
 
+  // Lead the hands by one click: with the clutch that is held, or holding it until they are there.
+  lead(name) {
+    if (!this.usable || this.leading) return;
+    this.leading = { name, sinceMs: performance.now(), thereMs: null };
+    this.press(name);
+    this.beat();
+    this.tell();
+  }
+
+  // leading: whether the console still leads the request; still: whether the arms have come to it.
+  follow(leading, still) {
+    if (!this.leading) return;
+    const now = performance.now();
+    const { name, sinceMs } = this.leading;
+    if (leading || !still) this.leading.thereMs = null;
+    else this.leading.thereMs ??= now;
+    if (now - sinceMs < LONGEST_MS && (this.leading.thereMs === null || now - Math.max(this.leading.thereMs, sinceMs) < THERE_MS)) return;
+    this.leading = null;
+    if (this.by === name) this.letGo(false);
+    else this.tell();
+  }
+
   letGo(lost) {
+    this.leading = null;
     for (const device of this.devices) device.forget?.();
     if (!this.held) return;
     this.held = false;
@@ -106,6 +131,7 @@ export class Hand {
   drop(problem) {
     if (!this.held) return;
     this.held = false;
+    this.leading = null;
     [this.dropped, this.by] = [this.by, null];
     this.problem = problem;
     this.tell();
@@ -129,8 +155,8 @@ export class Hand {
     }
     if (!this.held) return;
     const message = this.by === "mouse" ? { grip: true } : { clutch: true };
-    if (this.by in LEADS) message.lead = LEADS[this.by];
-    for (const device of this.devices) {
+    if (this.leading) message.lead = this.leading.name;
+    for (const device of this.leading ? [] : this.devices) {
       const deflection = device.read();
       if (!deflection) continue;
       Object.assign(message, { deflection, sensed: device.sensed });

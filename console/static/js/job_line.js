@@ -2,6 +2,7 @@
 
 import { REAL, TWO } from "./arms.js";
 import { forgetErrors, showError } from "./errors.js";
+import { named } from "./formats.js";
 import { Outcome } from "./outcome.js";
 import { stop } from "./stop.js";
 import { TrialCard } from "./trial_card.js";
@@ -14,39 +15,42 @@ const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };
 
-// What the bar says of a fault is not said again.
-export function sentence(job, fault) {
-  const what = `${WHAT[job.kind]} ${job.number} (${job.title})`;
-  const why = fault !== null && (job.reason ?? "").includes(fault) ? "" : `: ${job.reason}`;
+// What a job does, or how it has ended and why, and the tone of it.
+export function sentence(job) {
+  const what = `${WHAT[job.kind]} ${job.number} (${named(job.title)})`;
+  const reason = named(job.reason ?? "no reason given").replace(/\.$/, "");
   switch (job.state) {
     case "starting": return [`${what} is being prepared.`, ""];
     case "running":
       if (REAL && job.kind !== "teleoperation" && !job.title.endsWith(", shadow")) return [`${what}: hold C, or another clutch. Let it go, and ${TWO ? "both arms stop" : "the arm stops"}.`, ""];
       return [`${what} runs.`, ""];
     case "stopping": return [`${what} is being stopped.`, ""];
-    case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
-    case "failed": return [`${what} failed${why}.`, "bad"];
+    case "stopped": return [`${what} was stopped: ${job.reason ? reason : "by the operator"}.`, "bad"];
+    case "failed": return [`${what} failed: ${reason}.`, "bad"];
     default:
-      if (!job.success) return [`${what} ended without success${why}.`, "bad"];
+      if (!job.success) return [`${what} ended without success: ${reason}.`, "bad"];
       return job.kind === "trial" ? [`${what} has ended.`, ""] : [`${what} succeeded.`, "good"]; // its card knows more
   }
 }
 
-// onFinished is told when a job that was seen running has ended.
-export function startJobLine(live, onFinished) {
+// onFinished is called when a job that was seen running has ended, follow with the id of a log that a trial is to follow.
+export function startJobLine(live, onFinished, follow = null) {
   const line = document.getElementById("job-line");
   const card = TWO ? new TrialCard(live) : null; // of a grab
-  new Outcome(live, onFinished);
+  new Outcome(live, onFinished, follow);
   let last = null;
   document.getElementById("cancel").addEventListener("click", stop);
   live.onView(({ status }) => {
     const job = status?.job;
     if (!job) return;
-    const [text, tone] = sentence(job, status.reason);
+    const [text, tone] = sentence(job);
     write(line, text);
     line.dataset.tone = tone;
     const active = ACTIVE.has(job.state);
-    document.getElementById("progress-row").hidden = !active || ["teleoperation", "guide"].includes(job.kind); // they have no length
+    const preparing = job.state === "starting";
+    document.getElementById("progress-row").hidden = !active || (!preparing && ["teleoperation", "guide"].includes(job.kind)); // they have no length
+    document.getElementById("spinner").hidden = !preparing;
+    document.getElementById("progress").hidden = document.getElementById("progress-text").hidden = preparing;
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
     if (job.kind === "trial" && !active && job.log !== null) card?.show(job.log);

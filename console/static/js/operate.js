@@ -10,8 +10,10 @@ import { startJobLine } from "./job_line.js";
 import { Jobs } from "./jobs.js";
 import { LogTable } from "./log_table.js";
 import { remember } from "./memory.js";
+import { startMenus } from "./menus.js";
 import { startMoves } from "./moves.js";
 import { Plan } from "./plan.js";
+import { startPlanner } from "./planner.js";
 import { Policies } from "./policies.js";
 import { References } from "./references.js";
 import { startScene } from "./scene.js";
@@ -21,12 +23,13 @@ import { Teleoperate } from "./teleoperate.js";
 import { startTraining } from "./training.js";
 
 const live = startFrame();
+startMenus();
 const filter = document.getElementById("filter");
 new Control(live);
 const trial = document.getElementById("trial"); // what a grab takes is there for two arms alone
 let references = null;
 if (TWO) {
-  for (const form of [trial, document.getElementById("demonstration")]) remember(form.id, form.elements);
+  for (const form of [trial, ...["demonstration", "plan"].map((id) => document.getElementById(id))]) remember(form.id, form.elements);
   references = new References(trial, [trial.elements.object], (object) => {
     if ([...trial.elements.object.options].some((option) => option.value === object)) trial.elements.object.value = object;
   });
@@ -35,10 +38,17 @@ const logs = new LogTable(document.getElementById("logs"), () => ({ q: filter.va
 filter.addEventListener("input", () => logs.refresh());
 if (TWO) new Jobs(live, references);
 references?.refresh();
+// A trial is to follow this log: its form, with the reference chosen.
+const follow = async (id) => {
+  logs.refresh();
+  document.getElementById("tab-trial").click();
+  await references.refresh(id);
+  trial.querySelector("[type=submit]").focus();
+};
 startJobLine(live, () => {
   logs.refresh();
   references?.refresh();
-});
+}, follow);
 startDesk(live);
 startStrips(live);
 if (TWO) startGhost(trial, live);
@@ -46,8 +56,20 @@ startMoves(document.getElementById("moves"), live);
 new Teleoperate(live);
 new Policies(live);
 if (TWO) new Plan(trial, live);
+if (TWO) startPlanner(document.getElementById("plan"), follow);
 const training = document.getElementById("training");
 if (training) startTraining(training, live);
 startCalibration(document.getElementById("calibration"));
 startTabs(document.getElementById("tabs"));
 startScene();
+
+// From the top of the page to the next step.
+const skip = document.createElement("a");
+skip.className = "skip";
+skip.href = "#control";
+skip.textContent = "To the next step";
+skip.addEventListener("click", (event) => {
+  event.preventDefault();
+  document.querySelector(".slot .next, .slot [data-away=false]").focus();
+});
+document.body.prepend(skip);

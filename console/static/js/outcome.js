@@ -10,11 +10,12 @@ import { isTextField } from "./stop.js";
 
 const ACTIVE = new Set(["starting", "running", "stopping"]);
 const EPISODES = { teleoperation: "hand", demonstration: "demonstration", trial: "trial" }; // the tab of each
+const KINDS = ["recording", "demonstration", "trial"];
 export const SAID = { kept: "Kept", failed: "Kept as a failure", discard: "Discarded: data sets leave it out" };
 
 // Keep what a person says of the episode of a job. A recording that is kept is offered to trials, another one is not.
-// Returns a line.
-export async function decide(job, verdict) {
+// Returns a line; follow: called with the id of a log that trials may follow.
+export async function decide(job, verdict, follow = () => {}) {
   const log = (await get(`/api/logs?q=${encodeURIComponent(job.log)}`)).find(({ name }) => name === job.log);
   if (!log) throw new Error(`${job.log} is not in the list of logs`);
   await keep(log, { verdict });
@@ -26,14 +27,27 @@ export async function decide(job, verdict) {
     if (verdict !== "kept") throw error;
     return `Kept, but no trial may follow it: ${error.message}.`;
   }
-  return verdict === "kept" ? `Accepted: trials may follow ${job.log}.` : `${SAID[verdict]}.`;
+  if (verdict !== "kept") return `${SAID[verdict]}.`;
+  follow(log.id);
+  return `Accepted: trials may follow ${job.log}.`;
+}
+
+// "3 kept of 5 today": of this folder's recordings, demonstrations and trials.
+async function countOfToday() {
+  const today = new Date().toDateString();
+  const logs = (await get("/api/logs")).filter(({ when, kind }) => KINDS.includes(kind) && new Date(when * 1000).toDateString() === today);
+  return `${logs.filter((log) => log.episode_verdict === "kept").length} kept of ${logs.length} today`;
 }
 
 export class Outcome {
-  constructor(live, changed) {
+  // follow: called with the id of a log by the button that a trial follows; null on a page without it.
+  constructor(live, changed, follow = null) {
     this.row = document.getElementById("episode-outcome");
     if (this.row === null) return;
     this.changed = changed;
+    this.follow = document.getElementById("follow");
+    this.follow?.addEventListener("click", () => follow(this.follow.value));
+    this.followed = follow !== null;
     this.mine = false;
     this.asked = 0; // how many decisions
     this.seen = null; // the number of the job that this page saw run
@@ -65,7 +79,7 @@ export class Outcome {
 
   show({ status, you }) {
     const job = status?.job;
-    const episode = job && job.kind in EPISODES && job.log !== null;
+    const episode = job && job.kind in EPISODES && job.log !== null && !job.title.endsWith(", training"); // that is no example
     if (episode && ACTIVE.has(job.state)) this.seen = job.number;
     const ended = episode && !ACTIVE.has(job.state) && this.seen === job.number;
     this.row.hidden = !ended || LOOKS !== null;
@@ -73,8 +87,20 @@ export class Outcome {
     if (ended && this.job?.number !== job.number) {
       this.mark(null);
       document.getElementById("outcome-line").textContent = "";
+      this.offer(null);
+      this.count();
     }
     this.job = ended ? job : null;
+  }
+
+  offer(id) {
+    if (!this.followed || !this.follow) return;
+    this.follow.hidden = id === null;
+    this.follow.value = id ?? "";
+  }
+
+  async count() {
+    document.getElementById("episode-count").textContent = await countOfToday().catch(() => "");
   }
 
   mark(verdict) {
@@ -87,8 +113,9 @@ export class Outcome {
     const [line, asked] = [document.getElementById("outcome-line"), (this.asked += 1)];
     this.mark(verdict);
     line.textContent = "Being kept ...";
+    this.offer(null);
     try {
-      const text = await decide(job, verdict);
+      const text = await decide(job, verdict, (id) => asked === this.asked && this.offer(id));
       if (asked !== this.asked) return; // it was decided otherwise since
       line.textContent = text;
     } catch (error) {
@@ -97,6 +124,7 @@ export class Outcome {
       return showError(`Not decided: ${error.message}.`);
     }
     this.changed();
+    this.count();
     if (outcome === "again") this.again(job);
   }
 

@@ -24,7 +24,9 @@ export class Policies {
   show({ hand, status, you, ...view }) {
     this.leads = hand.policy;
     const names = hand.policies;
-    $("policies").hidden = names.length === 0 && !hand.policy;
+    const none = names.length === 0 && !hand.policy;
+    if ($("policies").hidden && !none) $("settings").open = true; // it has just connected
+    $("policies").hidden = none;
     if ([...$("policy").options].map((each) => each.value).join() !== names.join()) {
       const chosen = $("policy").value;
       $("policy").replaceChildren(...names.map((name) => new Option(name, name, false, name === chosen)));

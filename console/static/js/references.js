@@ -29,7 +29,8 @@ export class References {
     if (object) this.propose(object);
   }
 
-  async refresh() {
+  // wanted: the id of what is chosen now, where it is there.
+  async refresh(wanted = null) {
     try {
       this.logs = (await get("/api/logs")).filter((log) => log.recording);
     } catch (error) {
@@ -37,12 +38,13 @@ export class References {
       return;
     }
     const first = this.select.options.length === 1 && this.select.value === "";
-    const chosen = this.select.value || this.select.dataset.remembered;
+    const before = this.select.value || this.select.dataset.remembered;
+    const chosen = wanted ?? before;
     this.count = this.logs.length;
     this.select.replaceChildren(...this.logs.map((log) => new Option(text(log), log.id)));
     if (this.count === 0) this.select.add(new Option("no recording yet", ""));
     else if (this.logs.some((log) => log.id === chosen)) this.select.value = chosen;
     // the object that was chosen the last time stays
-    if (this.select.value !== chosen && !(first && this.fields.some((field) => field.dataset.remembered))) this.proposeObject();
+    if (this.select.value !== before && !(first && this.fields.some((field) => field.dataset.remembered))) this.proposeObject();
   }
 }

@@ -1,6 +1,7 @@
 // The 3D scene in its frame: full drawing with a graphics card, light drawing without; camera places; the whole page.
 
 import { TWO } from "./arms.js";
+import { startForceLabels } from "./force_labels.js";
 import { isTextField, listenForSpace } from "./stop.js";
 
 const KEY = "rtstack.detail";
@@ -86,6 +87,7 @@ class Scene {
       this.show();
     });
     this.show();
+    startForceLabels(this.frame, () => this.detail === "light", turned);
   }
 
   show() {

@@ -17,7 +17,10 @@ const THE_ARMS = TWO ? "the arms" : "the arm";
 const READY = TWO ? "The arms are being made ready" : "The arm is being made ready";
 
 const GUIDE = `Hold: a person may push ${ALL_ARMS}, back from beyond a limit too; ${TWO ? "they stop" : "it stops"} when it is let go`;
-const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten", SpaceMouse: "its first button" };
+const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", SpaceMouse: "its first button" };
+const OPEN = "rtstack.hand settings";
+const STILL_M_S = 0.002;
+const LEVELS = [[0.9, "high", ", nearly at the limit"], [0.7, "near", ", near the limit"], [0, "", ""]]; // shares of the limit
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -67,7 +70,10 @@ export class Teleoperate {
     if ($("camera")) this.hand.commands.camera = showCamera($("camera"), $("camera-name"), live);
     this.hand.dragHolds = $("drag-holds").checked;
     this.choose();
-    for (const by of ["button", "undo", "straighten"]) this.holdable($(by === "button" ? "clutch" : by), by);
+    this.holdable($("clutch"), "button");
+    for (const name of ["undo", "straighten"]) $(name).addEventListener("click", () => this.hand.lead(name));
+    $("settings").open = localStorage.getItem(OPEN) === "true";
+    $("settings").addEventListener("toggle", () => localStorage.setItem(OPEN, $("settings").open));
     this.guiding = false; // whether its button is down
     this.holdable($("guide"), "guide", () => this.guide());
     for (const target of [window, $("scene")]) {
@@ -186,7 +192,9 @@ export class Teleoperate {
     allow($("finish"), !mine ? "Only the operator with control" : job?.state === "running" ? null : "Wait a moment", `Stop ${THE_ARMS} and finish the log (R)`);
     for (const input of document.querySelectorAll("input[name=release], #hand-object")) input.disabled = active;
     for (const input of document.querySelectorAll("input[name=coupling], input[name=handles], #speed, #stiffness")) input.disabled = active && !mine;
+    if (active) this.hand.follow(view.hand.leading, SIDES.every((side) => (view[side].speed_m_s ?? 0) < STILL_M_S));
     this.showClutch(view, active, mine, why);
+    for (const side of SIDES) this.showForce(side, view[side].peak_force_n);
     this.showRecording(active, job);
     this.showDevices();
   }
@@ -200,8 +208,9 @@ export class Teleoperate {
     const refused = active ? view.hand.refusal : null;
     const usable = this.hand.usable ? null : why ?? (active ? READY : "Start or record first");
     allow(clutch, usable);
-    allow($("undo"), usable ?? (view.hand.drags || this.hand.by === "undo" ? null : "No drag to undo"), "Hold: the hands go back to where they were before the last drag");
-    allow($("straighten"), usable, "Hold: the hands turn until they are square to the table");
+    const lead = usable ?? (this.hand.leading ? "The hands are on their way" : REAL && !this.hand.held ? "Hold the clutch, then press this" : null);
+    allow($("undo"), lead ?? (view.hand.drags ? null : "No drag to undo"), "The hands go back to where they were before the last drag");
+    allow($("straighten"), lead, "The hands turn until they are square to the table");
     const text = refused ?? this.hand.problem ?? this.hint(active, held, mine, why);
     write(line, text);
     line.dataset.tone = refused || this.hand.problem ? "bad" : "";
@@ -212,13 +221,27 @@ export class Teleoperate {
     if (!active) return why ?? "";
     if (!mine) return `Another operator moves ${THE_ARMS}.`;
     const holds = document.querySelector("input[name=release]:checked").value === "hold";
+    if (this.hand.leading) return `${this.hand.leading.name === "undo" ? "The last drag is undone" : "The hands are straightened"}. STOP stops.`;
     if (held) {
-      const then = TWO ? `they ${holds ? "hold where they are" : "stop"}` : `it ${holds ? "holds where it is" : "stops"}`;
-      return `${TWO ? "The arms follow" : "The arm follows"}. Let go of ${HELD[this.hand.by] ?? "the clutch"}: ${then}.`;
+      const then = holds ? (TWO ? "the arms hold position" : "the arm holds position") : `the ${this.view.status.job.recorded ? "recording" : "practice"} ends`;
+      return `${TWO ? "The arms follow" : "The arm follows"}. Release ${HELD[this.hand.by] ?? "the clutch"}: ${then}.`;
     }
     if (!this.hand.usable) return `${READY}.`;
     const what = $("drag-holds").checked ? "Drag" : "Hold C and drag";
     return `${what} ${document.querySelector("input[name=handles]:checked").value === "turn" ? "a ring" : "an arrow"} in the scene, or hold C and jog with W A S D Q E.`;
+  }
+
+  // newtons: of the side's pad, null where they are not known.
+  showForce(side, newtons) {
+    const place = $(`force-${side}`);
+    const limit = Number(place.dataset.limit);
+    const share = Math.min((newtons ?? 0) / limit, 1);
+    const [, level, words] = LEVELS.find(([least]) => share >= least);
+    place.dataset.level = level;
+    const meter = place.querySelector("[role=meter]");
+    meter.style.setProperty("--share", share);
+    meter.ariaValueNow = Math.round(newtons ?? 0);
+    write(place.querySelector("output"), `${newtons === null ? "-" : newtons.toFixed(0)} of ${limit} N${words}`);
   }
 
   showRecording(active, job) {

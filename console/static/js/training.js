@@ -10,6 +10,7 @@ const $ = (id) => document.getElementById(id);
 
 export async function startTraining(form, live) {
   let timer = null;
+  let faulty = false; // as the live view says, before the exercise does
 
   const show = ({ faults, exercise }) => {
     const { fault } = form.elements;
@@ -17,7 +18,7 @@ export async function startTraining(form, live) {
     $("exercise").hidden = exercise === null;
     if (exercise === null) return;
     const over = exercise.stage === "over";
-    const waiting = { waiting: "It has not come yet.", happened: "Something is wrong. What do you do?" }[exercise.stage];
+    const waiting = exercise.stage === "waiting" && !faulty ? "It has not come yet." : "Something is wrong. What do you do?";
     $("exercise-verdict").textContent = over ? `${exercise.verdict[0].toUpperCase()}${exercise.verdict.slice(1)}.` : waiting;
     $("exercise-verdict").dataset.tone = over ? (exercise.right ? "good" : "bad") : "";
     $("exercise-fault").textContent = exercise.fault || "a surprise";
@@ -46,6 +47,9 @@ export async function startTraining(form, live) {
       showError(`Training not begun: ${error.message}. The robot stays as it is.`);
     }
   });
-  live.onView((view) => showWhy(form, whyNot(view)));
+  live.onView((view) => {
+    faulty = view.status?.phase === "fault";
+    showWhy(form, whyNot(view));
+  });
   look();
 }

@@ -110,7 +110,7 @@ export class TrialCard {
   place(shown) {
     $("job").classList.remove("waiting");
     $("trial-card").hidden = !shown;
-    $("job-line").hidden = $("job-title").hidden = shown;
+    $("job-line").hidden = shown;
   }
 
   // log: the name of its file, as the job has it.
