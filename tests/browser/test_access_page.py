@@ -19,6 +19,7 @@ def test_a_token_is_made_used_and_revoked_and_a_viewer_is_invited(browser, tmp_p
         page = context.new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.goto(f"/?token={served.parts.sign_in.token}")
+        page.click("#further")
         page.click(".rail a[href='/access']")
         expect(page.locator("#me")).to_contain_text("may operate", timeout=PATIENCE_MS)
         expect(page.locator("#no-token")).to_be_visible(timeout=PATIENCE_MS)

@@ -29,6 +29,7 @@ from tests.support.console.look import (
     WRITE,
     keep_picture,
     misplaced,
+    switch_theme,
     violations,
 )
 from tests.support.console.stage import PATIENCE_MS
@@ -117,7 +118,7 @@ def test_a_page_in_both_themes_and_every_window(console, addresses, pattern, tmp
     wrong = {}
     for theme in ("light", "dark"):
         if page.get_attribute("html", "data-theme") != theme:
-            page.click("#theme")
+            switch_theme(page)
         for width, height in WINDOWS:
             page.set_viewport_size({"width": width, "height": height})
             if found := misplaced(page):

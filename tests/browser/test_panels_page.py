@@ -9,7 +9,16 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Frame, Page, expect
 
-from tests.support.console.look import PICTURED, PICTURES, WINDOWS, WRITE, keep_picture, misplaced, violations
+from tests.support.console.look import (
+    PICTURED,
+    PICTURES,
+    WINDOWS,
+    WRITE,
+    keep_picture,
+    misplaced,
+    switch_theme,
+    violations,
+)
 from tests.support.console.stage import Stage, on_stage
 from tests.support.console.stop_ways import arriving
 from tests.support.plugin import installed
@@ -200,7 +209,7 @@ def test_the_page_of_panels_in_both_themes_and_every_window(stage, tmp_path):
     for theme in ("light", "dark"):
         only(page, "forces", "wrong")
         if page.get_attribute("html", "data-theme") != theme:
-            page.click("#theme")
+            switch_theme(page)
             only(page, "forces", "wrong")
         forces = page.frame_locator("[data-panel=forces] iframe").locator("#arms")
         expect(forces).to_contain_text("at most 0.0 N", timeout=PATIENCE_MS)

@@ -7,6 +7,7 @@ import console.routes.control
 from rtstack.live.protocol import JobState
 from rtstack.loop.mailbox import NOT_TAKEN, Mailbox
 from tests.support.console.chromium import leave_scene_undrawn
+from tests.support.console.look import switch_theme
 from tests.support.console.stage import PATIENCE_MS
 from tests.support.console.stop_ways import WAYS, arriving, come_to, lead_focus
 from tests.support.sampling import sampled
@@ -98,7 +99,7 @@ def test_who_is_signed_out_can_still_stop_and_nothing_else(stage, browser):
     expect(page.locator("#stop")).to_have_count(0)  # was never let in
     page.goto(f"/?token={served.parts.sign_in.invite('view')}")
     expect(page.locator("#control-light")).not_to_have_attribute("data-state", "waiting")
-    page.click("#theme")
+    switch_theme(page)
     theme = page.get_attribute("html", "data-theme")
     (session,) = [one for one in served.parts.sign_in._sessions.values() if one.scope == "view"]
     stage.bring_about("moving")

@@ -4,6 +4,7 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from console.routes.description import OPENAPI_PATH
+from tests.support.console.look import switch_theme
 
 PATIENCE_MS = 60_000
 
@@ -52,7 +53,7 @@ def test_the_page_needs_no_network_keeps_the_policy_and_tries_a_request_out(serv
         stop.locator(".execute").click()
         stop.locator(".live-responses-table .microlight").first.wait_for()
         assert served.mailbox.stop_requested
-        page.click("#theme")
-        assert page.evaluate("document.documentElement.matches('.dark-mode') === (theme.textContent === 'light')")
+        switch_theme(page)
+        assert page.evaluate("document.documentElement.matches('.dark-mode') === (theme.textContent === 'Light theme')")
         browser.close()
     assert wrong == []

@@ -1,5 +1,5 @@
 // What the keyboard needs on every page: Space is STOP's, so that Enter ticks boxes; Enter in a field moves no arm; "?"
-// shows the list of keys.
+// shows the list of keys; the menu of further pages.
 
 import { closeDialog, openDialog } from "./dialog.js";
 import { isTextField } from "./stop.js";
@@ -7,8 +7,12 @@ import { isTextField } from "./stop.js";
 export function startKeyboard() {
   const help = document.getElementById("help");
   const close = document.getElementById("help-close");
+  const further = document.getElementById("further-pages");
   const show = () => openDialog(help, close);
+  further.addEventListener("click", () => further.hidePopover()); // first: the focus goes back to what has opened it
   document.getElementById("keys").addEventListener("click", show);
+  further.addEventListener("toggle", ({ newState }) => document.getElementById("further").setAttribute("aria-expanded", String(newState === "open")));
+  window.addEventListener("blur", () => further.hidePopover()); // a press in the scene's frame
   close.addEventListener("click", () => closeDialog());
   window.addEventListener("keydown", (event) => {
     const { target } = event;

@@ -14,12 +14,13 @@ export function token(name) {
 export function startTheme() {
   const button = document.getElementById("theme");
   const root = document.documentElement;
+  const other = () => (root.dataset.theme === "dark" ? "light" : "dark");
   const show = () => {
-    button.textContent = root.dataset.theme === "dark" ? "light" : "dark";
-    button.title = `Switch to ${button.textContent}`;
+    button.textContent = other() === "light" ? "Light theme" : "Dark theme";
+    button.title = `Switch to ${other()}`;
   };
   button.addEventListener("click", () => {
-    root.dataset.theme = button.textContent;
+    root.dataset.theme = other();
     localStorage.setItem(KEY, root.dataset.theme);
     show();
   });

@@ -107,6 +107,12 @@ SETTLED = """() => Promise.all(document.getAnimations()
     .map((one) => one.finished.catch(() => null))).then(() => null)"""
 
 
+def switch_theme(page: Page) -> None:
+    """Switch between dark and light, in the menu of further pages."""
+    page.click("#further")
+    page.click("#theme")
+
+
 def violations(page: Page) -> list[tuple[str, Any, str]]:
     """What axe-core has against a page that has come to rest: rule, element, what is wrong."""
     page.evaluate(SETTLED)

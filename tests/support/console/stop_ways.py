@@ -67,7 +67,7 @@ def come_to(page: Page, way: Way, base: str, ids: dict[str, str]) -> None:
     address = base + way.page.format(**ids)
     if page.url != address:
         page.goto(address)
-    page.keyboard.press("Escape")  # the list of a select that the last way has left open
+    page.keyboard.press("Escape")  # the list of a select, or the menu, that the last way has left open
     expect(page.locator("#control-light")).not_to_have_attribute("data-state", "waiting")
     if way.page == "/":
         tab = way.focus.split()[0].removeprefix("#")
@@ -84,7 +84,10 @@ def lead_focus(page: Page, way: Way) -> None:
         page.frame_locator(way.focus).locator("#drawn, canvas").first.evaluate(
             "drawn => { drawn.tabIndex = 0; drawn.ownerDocument.defaultView.focus(); drawn.focus(); }"
         )
-    elif way.focus in (".swagger-ui a", ".rail a", "#theme"):
+    elif way.focus == "#theme":
+        page.click("#further")
+        page.focus("#theme")
+    elif way.focus in (".swagger-ui a", ".rail a"):
         page.locator(way.focus).first.focus()
     elif way.focus != "body":
         page.locator(way.focus).first.click()
