@@ -14,6 +14,7 @@ from rtstack.log.reader import read_log
 from rtstack.safety.arming import LEASE_S
 from rtstack.trials.specification import DemonstrationSpecification
 from tests.support.console.chromium import centre_of_hue
+from tests.support.console.look import switch_theme
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINISHED_MS = 120_000
@@ -304,11 +305,11 @@ def test_the_theme_changes_and_stays(console):
     page = console.page
     root = page.locator("html")
     expect(root).to_have_attribute("data-theme", "dark")
-    page.click("#theme")
+    switch_theme(page)
     expect(root).to_have_attribute("data-theme", "light")
     page.reload()
     expect(root).to_have_attribute("data-theme", "light")
-    page.click("#theme")
+    switch_theme(page)
 
 
 def test_nothing_was_fetched_from_elsewhere_and_no_script_failed(console, printed_address):
