@@ -40,11 +40,8 @@ export function whyNot(view) {
 function step({ status, you, unreachable, request }) {
   if (LOOKS) return `${LOOKS}.`;
   if (unreachable) return sentence(unreachable);
-  const { phase, holder, reason, job } = status;
-  if (phase === "fault") {
-    const known = (job?.reason ?? "").includes(reason); // the line of the job says it
-    return `${known || !reason ? "" : `${sentence(reason)} `}Press Recover once the cause is gone.`;
-  }
+  const { phase, holder, job } = status;
+  if (phase === "fault") return "Press Recover once the cause is gone.";
   if (phase === "recovering") return `${TWO ? "The arms clear their errors" : "The arm clears its errors"}.`;
   if (holder === null) return `Take control to move ${TWO ? "the arms" : "the arm"}.`;
   if (holder !== you) {
@@ -53,12 +50,12 @@ function step({ status, you, unreachable, request }) {
   }
   if (phase === "disarmed") return "Arm to allow motion.";
   if (job && ACTIVE.has(job.state)) {
-    if (job.state === "starting") return "Wait: it is being prepared, and nothing moves.";
+    if (job.state === "starting") return "Wait: nothing moves yet.";
     if (job.state === "stopping") return "Wait: it is being stopped.";
     return job.kind === "teleoperation" ? "Move by hand, then press Finish." : "Wait until it ends, or cancel it.";
   }
   const undecided = document.querySelector("#episode-outcome:not([hidden])");
-  if (undecided && !undecided.querySelector("[aria-pressed=true]")) return "Keep, fail or discard it; Again repeats it.";
+  if (undecided && !undecided.querySelector("[aria-pressed=true]")) return "Say what became of it.";
   const act = [...document.querySelectorAll("main .act")].find((each) => each.checkVisibility());
   return act && !act.disabled ? `Press ${act.textContent.trim()} below.` : "Choose below what to do.";
 }

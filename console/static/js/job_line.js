@@ -42,15 +42,15 @@ export function startJobLine(live, onFinished, follow = null) {
   document.getElementById("cancel").addEventListener("click", stop);
   live.onView(({ status }) => {
     const job = status?.job;
-    if (!job) return;
-    const [text, tone] = sentence(job);
+    const fault = status?.phase === "fault" && !(job?.reason ?? "").includes(status.reason ?? ""); // of no job
+    const [text, tone] = fault ? [`Fault: ${named(status.reason).replace(/\.$/, "")}.`, "bad"] : job ? sentence(job) : [line.textContent, ""];
     write(line, text);
     line.dataset.tone = tone;
+    if (!job) return;
     const active = ACTIVE.has(job.state);
     const preparing = job.state === "starting";
     document.getElementById("progress-row").hidden = !active || (!preparing && ["teleoperation", "guide"].includes(job.kind)); // they have no length
     document.getElementById("spinner").hidden = !preparing;
-    document.getElementById("progress").hidden = document.getElementById("progress-text").hidden = preparing;
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
     if (job.kind === "trial" && !active && job.log !== null) card?.show(job.log);
