@@ -152,6 +152,29 @@ def test_a_stop_whose_request_fails_is_said_before_anything_else(stage, socket):
         page.close()
 
 
+def test_what_is_not_true_any_more_leaves_by_itself(stage):
+    page = stage.page.context.new_page()
+    errors = page.locator("#errors .error")
+    silent = []
+
+    def meet(socket):
+        if len(silent) < 1:
+            silent.append(socket)
+        else:
+            socket.connect_to_server()
+
+    page.route_web_socket("**/live", meet)
+    page.route("**/api/logs?*", lambda route: route.abort())
+    page.goto("/logs")
+    page.fill("#query", "rice")
+    expect(errors).to_contain_text("The list of logs is not up to date", timeout=PATIENCE_MS)
+    expect(errors.get_by_role("button")).to_have_text("Dismiss")
+    page.unroute("**/api/logs?*")
+    silent[0].close()
+    expect(errors).to_have_count(0, timeout=PATIENCE_MS)
+    page.close()
+
+
 def test_a_stop_that_the_loop_does_not_take_is_said(stage, monkeypatch):
     monkeypatch.setattr(Mailbox, "stop_taken", lambda *_: False)
     monkeypatch.setattr(console.routes.control, "TAKEN_S", 0.0)

@@ -2,7 +2,7 @@
 
 import { get, post, remove } from "./api.js";
 import { ask } from "./dialog.js";
-import { showError } from "./errors.js";
+import { forgetErrors, showError } from "./errors.js";
 import { when } from "./formats.js";
 import { startFrame } from "./frame.js";
 import { bodyOf, showWhy } from "./jobs.js";
@@ -89,8 +89,9 @@ class Page {
     try {
       if (this.may) this.showTokens(await get("/api/tokens"));
       this.showAudit((await get("/api/audit")).reverse());
+      forgetErrors("access");
     } catch (error) {
-      showError(`This page is not up to date: ${error.message}.`);
+      showError(`This page is not up to date: ${error.message}.`, "", "access");
     }
   }
 

@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { showWhy } from "./jobs.js";
-import { showError } from "./errors.js";
+import { forgetErrors, showError } from "./errors.js";
 import { showRefusal, valuesOf } from "./field_refusal.js";
 import { plain, when } from "./formats.js";
 import { startFrame } from "./frame.js";
@@ -74,12 +74,13 @@ class Page {
   async refresh() {
     try {
       const { plans, campaigns, folder } = await get("/api/campaigns");
+      forgetErrors("campaigns");
       this.campaigns = campaigns;
       this.offer(plans);
       write($("plan-folder"), `A TOML file in ${folder}: edit it there.`);
       this.show();
     } catch (error) {
-      showError(`The campaigns are not up to date: ${error.message}`);
+      showError(`The campaigns are not up to date: ${error.message}`, "", "campaigns");
     }
   }
 

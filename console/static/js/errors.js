@@ -1,6 +1,9 @@
-// Errors stay until read: what happened, and what it means for the robot. They lie above the page, which stays in place.
+// Errors stay until they are dismissed, or are not true any more: what happened, and what it means for the robot. They lie
+// above the page, which stays in place.
 
 const place = document.getElementById("errors");
+const ANSWERS_S = 0.5; // so new is a view of a console that answers
+const STALE = / (is|are) not (up to date|known|shown): the console does not answer/;
 
 // tone: "worst" where the robot goes on although it was stopped; it comes first. about: for `forgetErrors`.
 export function showError(what, tone = "", about = "") {
@@ -14,14 +17,22 @@ export function showError(what, tone = "", about = "") {
   const close = document.createElement("button");
   close.type = "button";
   close.className = "small";
-  close.textContent = "Read";
+  close.textContent = "Dismiss";
   close.addEventListener("click", () => row.remove());
   row.append(text, close);
   if (tone === "worst") place.prepend(row);
   else place.append(row);
 }
 
-// What has been overtaken: the errors about this go without having been read.
+// The errors about this are not true any more.
 export function forgetErrors(about) {
   for (const row of place.querySelectorAll(`[data-about="${about}"]`)) row.remove();
+}
+
+// Lists that only a silent console kept old are read again once it answers, as each view of the live state shows.
+export function startErrors(live) {
+  live.onView(() => {
+    if (live.since() > ANSWERS_S) return;
+    for (const row of [...place.children]) if (STALE.test(row.textContent)) row.remove();
+  });
 }

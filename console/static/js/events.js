@@ -1,7 +1,7 @@
 // The bottom strip: the last event, and behind it the list of the newest ones.
 
 import { get } from "./api.js";
-import { showError } from "./errors.js";
+import { forgetErrors, showError } from "./errors.js";
 
 // One time base: the host's clock. The robot's time begins anew with a simulated cell, and two control boxes have two.
 function fill(element, event) {
@@ -33,13 +33,14 @@ export function startEvents(live) {
   const refresh = async () => {
     try {
       const events = await get("/api/events");
+      forgetErrors("events");
       list.replaceChildren(...events.reverse().map((event) => {
         const row = document.createElement("li");
         fill(row, event);
         return row;
       }));
     } catch (error) {
-      showError(`The list of events is not up to date: ${error.message}`);
+      showError(`The list of events is not up to date: ${error.message}`, "", "events");
     }
   };
 

@@ -2,6 +2,7 @@
 
 import { startBar } from "./bar.js";
 import { startClutch } from "./clutch.js";
+import { startErrors } from "./errors.js";
 import { startEvents } from "./events.js";
 import { startLabels } from "./labels.js";
 import { Live } from "./live.js";
@@ -19,6 +20,7 @@ export function startFrame() {
   const live = new Live();
   startStop(live);
   startBar(live);
+  startErrors(live);
   startEvents(live);
   startClutch(live);
   startRequest(live);

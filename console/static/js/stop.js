@@ -3,7 +3,7 @@
 
 import { post } from "./api.js";
 import { closeDialog } from "./dialog.js";
-import { showError } from "./errors.js";
+import { forgetErrors, showError } from "./errors.js";
 
 const TEXT_TYPES = new Set(["text", "search", "email", "url", "password", "tel"]);
 const OLD_S = 0.5;
@@ -34,7 +34,7 @@ export async function stop() {
     const what = bySocket
       ? "STOP went by the live connection alone, and nothing moves"
       : "STOP was not delivered, the robot goes on";
-    showError(`${what}: ${error.message} Use the robot's own stop.`, "worst");
+    showError(`${what}: ${error.message} Use the robot's own stop.`, "worst", error.status === null && !bySocket ? "stop" : "");
   }
 }
 
@@ -61,6 +61,7 @@ export function startStop(live) {
   say = (word) => live.say(word);
   mayMove = () => live.since() > OLD_S || live.view.state.active;
   live.onView((view) => {
+    if (!view.state.active) forgetErrors("stop"); // nothing goes on
     const job = view.status?.job;
     const active = job && ["starting", "running", "stopping"].includes(job.state);
     if (active && view.status.stop_requested) button.dataset.state = "requested";
