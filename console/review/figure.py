@@ -30,8 +30,8 @@ def overlays_of(text: str) -> list[tuple[str, float]]:
             offset_s = float(offset or 0.0)
         except ValueError:
             offset_s = math.nan
-        if not math.isfinite(offset_s):
-            raise Refused(422, f"others: {word[:80]} is not ID:OFFSET, with the offset in s")
+        if not abs(offset_s) <= 1e9:
+            raise Refused(422, f"others: {word[:80]} is not ID:OFFSET, with an offset of at most 1e9 s")
         found.append((log_id, offset_s))
     if len(found) >= MOST_LOGS:
         raise Refused(422, f"others: {len(found)} are too many, at most {MOST_LOGS - 1}")

@@ -16,7 +16,7 @@ from rtstack.log.errors import LogError
 from rtstack.log_folder import trash
 from rtstack.log_folder.catalogue import LogEntry
 from rtstack.log_folder.log_rows import RECORDINGS, LogRow, log_row
-from rtstack.log_folder.remarks import Remarks, save_remarks
+from rtstack.log_folder.remarks import Notes, Remarks, load_notes, save_notes, save_remarks
 from rtstack.log_folder.trash import Trashed
 from rtstack.references.acceptance import AcceptanceState, load_acceptance, save_acceptance
 
@@ -43,6 +43,19 @@ def remark(log_id: str, remarks: Remarks, parts: NeedsParts) -> LogRow:
         remarks = replace(remarks, note="")
     save_remarks(entry.path, replace(remarks, tags=tuple(dict.fromkeys(remarks.tags))))
     return log_row(entry, written_now(parts))
+
+
+@router.get("/logs/{log_id}/notes", responses=problems(404))
+def notes(log_id: str, parts: NeedsParts) -> Notes:
+    """Return the notes at times of a log. t_s: s after its first sample."""
+    return load_notes(listed(parts.catalogue, log_id).path)
+
+
+@router.post("/logs/{log_id}/notes", responses=problems(404))
+def write_notes(log_id: str, notes: Notes, parts: NeedsParts) -> Notes:
+    """Keep these notes at times of a log, beside it, in the place of those before."""
+    save_notes(listed(parts.catalogue, log_id).path, notes)
+    return notes
 
 
 @router.post("/logs/{log_id}/delete", responses=problems(404, 409))

@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from console.parts import NeedsParts, Parts, parts_of, session_now
 from console.refused import Refused
+from console.review.figure import overlays_of
 from console.review.logs import ReadLog, begun, wanted_signals
 from console.review.scene import Pose, Poses
 from console.review.series import Moment, moment
@@ -28,15 +29,15 @@ _VIEW = re.compile(r"[A-Za-z0-9-]{8,64}")
 class Cursor(BaseModel):
     """Where a page's cursor is: s after the log's first sample, and what it wants to read there.
 
-    other: id of a second log, shown as a ghost; offset: of its time, s: what it had at t - offset is shown at t.
+    others: ID:OFFSET of each log over it, s: what it had at t - offset is read at t; ghost: the first is in the scene.
     """
 
     model_config = MESSAGE
 
     t: StrictFloat = Field(ge=-1e9, le=1e9)
     signals: str = Field(default="", max_length=8192)
-    other: str = Field(default="", max_length=128)
-    offset: StrictFloat = Field(default=0.0, ge=-1e9, le=1e9)
+    others: str = Field(default="", max_length=1024)
+    ghost: bool = True
 
 
 @router.get("/viser/review/{detail}/{view}/{path:path}")
@@ -82,21 +83,19 @@ def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
     try:
         cursor = Cursor.model_validate_json(text)
         read = begun(parts.catalogue, parts.review_cache, log_id)
-        other = begun(parts.catalogue, parts.review_cache, cursor.other) if cursor.other else None
-        wanted = wanted_signals(cursor.signals, read, *filter(None, [other]))
+        asked = overlays_of(cursor.others)
+        others = [begun(parts.catalogue, parts.review_cache, other) for other, _ in asked]
+        wanted = wanted_signals(cursor.signals, read, *others)
         found = moment(read, wanted, cursor.t)
-        pose = _pose(found, read)
-        ghost = there = None
-        if other is not None:
-            there = moment(other, wanted, cursor.t - cursor.offset)
-            ghost = _pose(there, other)
+        there = [moment(other, wanted, cursor.t - offset_s) for other, (_, offset_s) in zip(others, asked, strict=True)]
+        ghost = _pose(there[0], others[0]) if there and cursor.ghost else None
     except ValidationError as error:
         return {"error": str(error.errors()[0]["msg"])}
     except Refused as error:
         return {"error": str(error)}
-    shown = parts.review_scenes.show(view, Poses(pose, ghost)) if _VIEW.fullmatch(view) else 0
-    answer = {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}
-    return answer if there is None else answer | {"ghost_t": there.t_s, "ghost_values": there.values}
+    shown = parts.review_scenes.show(view, Poses(_pose(found, read), ghost)) if _VIEW.fullmatch(view) else 0
+    compared = [{"t": other.t_s, "values": other.values} for other in there]
+    return {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown, "others": compared}
 
 
 def _pose(found: Moment, log: ReadLog) -> Pose:

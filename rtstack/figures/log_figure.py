@@ -19,13 +19,15 @@ from rtstack.log.analysis.signals import Signal
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES, Mode
 
-# of the logs that lie over the first one: dark to light purple, Color Brewer's RdPu without its pale end
-OVERLAYS = ("#49006a", "#8f1289", "#c51b8a", "#f768a1")
+# of the logs over the first one: Okabe and Ito's hues as dark as colour-blind eyes need them, and dashes
+OVERLAYS = ("#857b00", "#000000", "#8f2f00", "#c0569e", "#003f78")
+DASHES = ((8, 3), (1.5, 2), (7, 2, 1.5, 2), (3.5, 2), (11, 2, 1.5, 2, 1.5, 2))
 MOST_LOGS = 1 + len(OVERLAYS)
-_WIDTH_IN, _PANE_IN, _AROUND_IN, _LEGEND_IN = 7.5, 1.35, 0.9, 0.4
+_WIDTH_IN, _PANE_IN, _AROUND_IN, _LEGEND_IN, _ROW_IN = 7.5, 1.35, 0.9, 0.3, 0.15
+_IN_A_ROW = 2  # names of files are long
 _LIGHTER, _PALEST = 0.18, 0.75  # of a colour: each further component of one arm, and the last one at most
 _WORD_SHARE = 0.1  # of the width: a narrower band has no word
-_LABEL_LETTERS = 22
+_LABEL_LETTERS = 18  # a pane is as high as so many
 _FAINT = "#555555"
 
 
@@ -57,7 +59,8 @@ class Line:
     label: str
     place: int
     colour: str
-    style: str
+    style: Any
+    width: float
     t_s: Array
     values: Array
 
@@ -101,12 +104,12 @@ def _line(log: FigureLog, place: int, trace: Trace, members: list[Signal], own: 
     reference = signal not in own
     whose = signal.whose if len(log.sides) > 1 or signal.group not in SIDES else signal.group
     words = [whose, signal.component] + ["reference"] * reference
+    colour, style, width = _colour(signal, whose, members), "--" if reference else "-", 1.2
     if place:
-        colour, style = OVERLAYS[place - 1], ":" if reference else "--" if signal.group == SIDES[1] else "-"
+        colour, style = OVERLAYS[place - 1], (0, DASHES[place - 1])
+        width = 0.5 if reference else 1.8 if signal.group == SIDES[1] else 1.0
         words.append(f"({log.name})")
-    else:
-        colour, style = _colour(signal, whose, members), "--" if reference else "-"
-    return Line(" ".join(filter(None, words)), place, colour, style, trace.t_s + log.offset_s, trace.values)
+    return Line(" ".join(filter(None, words)), place, colour, style, width, trace.t_s + log.offset_s, trace.values)
 
 
 def _colour(signal: Signal, whose: str, members: list[Signal]) -> str:
@@ -122,14 +125,14 @@ def _colour(signal: Signal, whose: str, members: list[Signal]) -> str:
 def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "") -> Figure:
     """Draw logs between two times of the first one, s. There is one signal at least, and at most MOST_LOGS logs."""
     panes = panes_of(logs)
-    height = _AROUND_IN + _PANE_IN * len(panes) + _LEGEND_IN * (len(logs) > 1)
+    height = _AROUND_IN + _PANE_IN * len(panes) + (_LEGEND_IN + _ROW_IN * (len(logs) // _IN_A_ROW)) * (len(logs) > 1)
     figure, axes = new_figure(_WIDTH_IN, height, nrows=len(panes), sharex=True)
     for axis, pane in zip(axes[:, 0], panes, strict=True):
         for line in pane.lines:
             first, last = np.searchsorted(line.t_s, [start_s, end_s])
             near = slice(max(0, int(first) - 1), int(last) + 1)  # of the window, and one more on either side
             label = line.label if line.place == 0 else None
-            axis.plot(line.t_s[near], line.values[near], color=line.colour, linestyle=line.style, label=label)
+            axis.plot(line.t_s[near], line.values[near], color=line.colour, ls=line.style, lw=line.width, label=label)
         axis.set_ylabel(fill(pane.label, _LABEL_LETTERS))
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=7, handlelength=1.6)
         axis.set_xlim(start_s, end_s)
@@ -142,9 +145,10 @@ def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "
     _say(axes[0, 0], logs[0], start_s, end_s)
     axes[-1, 0].set_xlabel("time, s")
     if len(logs) > 1:
-        others = [Line2D([], [], color=OVERLAYS[place], label=log.name) for place, log in enumerate(logs[1:])]
-        figure.legend(handles=others, loc="outside lower left", ncols=len(others), fontsize=8,
-                      title="over it (right arm dashed, references dotted):", title_fontsize=8)  # fmt: skip
+        looks = zip(OVERLAYS, DASHES, logs[1:], strict=False)
+        others = [Line2D([], [], color=colour, ls=(0, dash), label=log.name) for colour, dash, log in looks]
+        figure.legend(handles=others, loc="outside lower left", ncols=min(len(others), _IN_A_ROW), fontsize=8,
+                      handlelength=4, title_fontsize=8, title="over it (right arm thick, references thin)")  # fmt: skip
     if title:
         figure.suptitle(title, fontsize=9, x=0.01, ha="left")
     return figure

@@ -1,5 +1,5 @@
-"""What people say about a log: that they reviewed it, a verdict, a star, tags, a note. Small files beside it: a
-finished log is never written again."""
+"""What people say about a log: that they reviewed it, a verdict, a star, tags, a note, notes at times. Files beside it:
+a finished log is never written again."""
 
 import json
 import time
@@ -13,12 +13,14 @@ from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT
 from rtstack.log.errors import LogError
+from rtstack.messages import StrictFloat
 from rtstack.references.acceptance import SUFFIX as ACCEPTANCE
 from rtstack.references.acceptance import AcceptanceError, AcceptanceState, keep_beside, load_acceptance, load_beside
 
 SUFFIX = ".remarks.json"
 REVIEWED = ".reviewed.json"
-SIDECARS = (REVIEWED, ACCEPTANCE, SUFFIX)
+NOTES = ".notes.json"
+SIDECARS = (REVIEWED, ACCEPTANCE, SUFFIX, NOTES)
 MOST_TAGS = 16
 
 # one word: the filter of a list of logs looks for words
@@ -42,6 +44,31 @@ class Remarks:
     tags: Annotated[tuple[Tag, ...], Field(max_length=MOST_TAGS)] = ()
     note: Annotated[str, Field(max_length=2000)] = ""
     verdict: EpisodeVerdict | None = None
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Note:
+    """What a person wrote at a time of a log. t_s: s after its first sample."""
+
+    t_s: Annotated[StrictFloat, Field(ge=0.0, le=1e6, allow_inf_nan=False)]
+    text: Annotated[str, Field(min_length=1, max_length=400)]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Notes:
+    """The notes at times of a log."""
+
+    notes: Annotated[tuple[Note, ...], Field(max_length=500)] = ()
+
+
+def load_notes(log: Path) -> Notes:
+    """Return the notes at times of a log, none where there is no file. Raises LogError."""
+    return load_beside(log.with_name(log.name + NOTES), Notes, LogError)
+
+
+def save_notes(log: Path, notes: Notes) -> None:
+    """Keep the notes at times of a log: whole, or not at all. Raises LogError."""
+    _keep(log, NOTES, json.dumps(asdict(notes), indent=1, ensure_ascii=False) if notes.notes else "")
 
 
 def load_remarks(log: Path) -> Remarks:

@@ -153,8 +153,10 @@ def test_the_list_is_searched_and_sorted(page):
     page.fill("#query", "no such thing")
     expect(page.locator("#empty")).to_contain_text("No log matches")
     page.fill("#query", "")
+    expect(page.locator("#picked")).to_be_hidden()
+    page.locator("#logs tbody input").first.check()
     expect(page.locator("#compare")).to_be_disabled()
-    expect(page.locator("#compare")).to_have_attribute("title", re.compile("Tick two to 5 logs"))
+    expect(page.locator("#compare")).to_have_attribute("title", re.compile("Tick two to 6 logs"))
 
 
 def test_as_many_logs_as_one_view_has_are_compared_from_the_list(page, logs):
@@ -313,8 +315,9 @@ def test_cursor_slider_and_scene_move_together(page):
 
 def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(page, logs):
     page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
-    expect(page.locator("#difference")).to_contain_text("trial.specification.controller")
-    expect(page.locator("#difference")).to_contain_text("no_interim")
+    chip = page.locator("#overlays .chip summary")
+    expect(chip).to_have_text("no interim, +15 mm")
+    expect(chip).to_have_attribute("title", "no interim, +15 mm (second.mcap)")
     impacts = [first_impact_s(read_log(logs / name)) for name in ("first.mcap", "second.mcap")]
     moved = pytest.approx(impacts[0] - impacts[1], abs=0.02)
     for _ in range(100):  # until the other log's impact has been read
@@ -324,39 +327,40 @@ def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(pa
         page.wait_for_timeout(200)
     assert found[1] - found[0] == moved
     expect(page).to_have_url(re.compile("other="))
-    table, plots = page.locator("#difference table"), page.locator("#plots")
-    rows = table.locator("tbody tr")
-    expect(rows.first).to_contain_text("trial.specification.")
-    for row in rows.all()[:3]:  # a line each, above the curves
-        assert row.evaluate("row => row.cells[0].clientHeight") < 40
-        assert row.evaluate("row => row.cells[0].scrollWidth <= row.cells[0].clientWidth")
-    assert box_of(table)["y"] < box_of(plots)["y"]
+    difference = page.locator("#overlays .difference")
+    expect(difference).to_be_hidden()
+    chip.click()
+    expect(difference).to_contain_text("second.mcap")
+    expect(difference.locator("tbody tr").first).to_have_text(re.compile("controller.*proposed.*no_interim"))
+    page.keyboard.press("Escape")
+    expect(difference).to_be_hidden()
     page.click("#overlays button")
-    expect(page.locator("#difference")).to_be_hidden()
-
-
-def box_of(locator):
-    box = locator.bounding_box()
-    assert box is not None
-    return box
+    expect(page.locator("#comparing")).to_be_hidden()
+    expect(page.locator("#values")).to_be_hidden()
 
 
 @pytest.mark.long
 def test_logs_over_a_log_differences_references_and_layouts(page, logs):
-    """Four logs over one, the same one a second time is none; what is drawn is what the logs have."""
-    for name in ("third", "fourth", "fifth"):
+    """Five logs over one, the same one a second time is none; what is drawn is what the logs have."""
+    copies = ("third", "fourth", "fifth", "sixth")
+    for name in copies:
         (logs / f"{name}.mcap").write_bytes((logs / "second.mcap").read_bytes())
-    open_log(page, "first.mcap", "?signals=left.pad_velocity.vy,left.tau_J.4&from=0.5&to=2.5")
-    for name in ("second", "third", "fourth", "fifth"):
+    open_log(page, "first.mcap", "?signals=left.pad_velocity.vy,left.tau_J.4&from=0.5&to=2.5&t=1")
+    for name in ("second", *copies):
         page.locator("#other").select_option(label=page.locator("#other option", has_text=name).inner_text())
-    expect(page.locator("#overlays button")).to_have_count(4)
+    expect(page.locator("#overlays button")).to_have_count(5)
+    expect(page.locator("#values tbody tr").first.locator("td", has_text=re.compile(r"\d"))).to_have_count(6)
+    page.set_viewport_size({"width": 1280, "height": 720})
+    plots, main = (page.locator(which).bounding_box() or {} for which in ("#plots", "#review"))
+    assert plots["y"] - main["y"] <= 120 + 8  # what is above the curves, and the gap below it
+    page.set_viewport_size({"width": 1440, "height": 900})
     page.check("#reference")
     for _ in range(200):
         curves = drawn(page, "left.pad_velocity.vy") + drawn(page, "left.twist_ref.vy")
-        if len(curves) == 10:
+        if len(curves) == 12:
             break
         page.wait_for_timeout(200)
-    assert len({curve["colour"] for curve in drawn(page, "left.pad_velocity.vy")}) == 5
+    assert len({curve["colour"] for curve in drawn(page, "left.pad_velocity.vy")}) == 6
     assert len({curve["top"] for curve in curves}) == 1  # in one pane: over what is to follow it
     expect(page.locator(".legend").first).to_contain_text("left vy reference")
     expect(page).to_have_url(re.compile("reference=1"))
@@ -365,11 +369,12 @@ def test_logs_over_a_log_differences_references_and_layouts(page, logs):
     expect(page.locator(".legend b").first).to_have_text("difference of pad velocity, m/s")
     for _ in range(200):
         found = drawn(page, "left.tau_J.4")
-        if len(found) == 4:
+        if len(found) == 5:
             break
         page.wait_for_timeout(200)
     spike = min(found[0]["y"])
     assert -SPIKE_NM - 60.0 < spike < -SPIKE_NM + 120.0  # the other log less this one, at the spike
+    page.click("#layouts summary")
     page.fill("#layout-name", "around the impact")
     page.click("#layout-form button[type=submit]")
     expect(page.locator("#layout")).to_have_value("around the impact")
@@ -380,9 +385,10 @@ def test_logs_over_a_log_differences_references_and_layouts(page, logs):
     shown = f"{0.5 - first + second:.3f}"
     expect(page).to_have_url(re.compile(f"from={re.escape(shown[:-1])}"))
     expect(page.locator("#reference")).to_be_checked()
+    page.click("#layouts summary")
     page.click("#layout-remove")
     expect(page.locator("#layout option")).to_have_count(1)
-    for name in ("third", "fourth", "fifth"):
+    for name in copies:
         (logs / f"{name}.mcap").unlink()
     open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
 
@@ -391,10 +397,10 @@ def test_logs_over_a_log_differences_references_and_layouts(page, logs):
 def test_a_compared_log_that_ends_earlier_says_so_and_long_legends_hide_no_curve(page, logs):
     before = page.url
     page.set_viewport_size({"width": 1280, "height": 720})
-    open_log(page, "second.mcap")
+    open_log(page, "second.mcap", f"?t=1&signals=left.force_norm,{','.join(f'left.tau_J.{k}' for k in range(1, 8))}")
     page.locator("#other").select_option(label=page.locator("#other option", has_text="first.mcap").inner_text())
-    ghost, values = page.locator("#ghost"), page.locator(".legend .value.faint")
-    expect(ghost).to_have_text(re.compile(r"^first\.mcap at \d"))
+    ghost, values = page.locator("#ghost"), page.locator("#values td:nth-child(3)")
+    expect(ghost).to_have_text(re.compile(r"^proposed, 0 mm at \d"))
     expect(values.first).to_have_text(re.compile(r"\d"))
     places = page.evaluate(_LEGENDS)
     assert max(legend["height"] for legend in places) >= 40  # two lines
@@ -402,10 +408,53 @@ def test_a_compared_log_that_ends_earlier_says_so_and_long_legends_hide_no_curve
     page.locator("#slider").evaluate("s => { s.value = s.max; s.dispatchEvent(new Event('input')); }")
     log = read_log(logs / "first.mcap")
     end_s = (log.topic("/left/arm")["t_ns"][-1] - log.start_ns) * 1e-9
-    expect(ghost).to_have_text(f"first.mcap ended at {end_s:.3f} s")
+    expect(ghost).to_have_text(f"proposed, 0 mm ended at {end_s:.3f} s")
     expect(values.first).to_have_text("")
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto(before)
+
+
+def test_a_comparison_is_printed_on_one_page_without_the_bar(page):
+    open_log(page, "first.mcap")
+    page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
+    expect(page.locator("#values tbody tr").first).to_contain_text(re.compile(r"\d"))
+    theme, printed = (
+        page.get_attribute("html", "data-theme"),
+        page.locator("#figure").evaluate("canvas => canvas.width"),
+    )
+    for paper in ("A4", "Letter"):
+        assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format=paper))) == 1
+    assert page.get_attribute("html", "data-theme") == theme
+    assert page.locator("#figure").evaluate("canvas => canvas.width") == printed
+    page.emulate_media(media="print")
+    for gone in (".bar", "#stop", ".rail", "#strip", "#full", "#tree", "#scene"):
+        expect(page.locator(gone)).to_be_hidden()
+    for there in ("h1", "#what", "#figure", "#log-events li", "#values"):
+        expect(page.locator(there).first).to_be_visible()
+    page.emulate_media(media="screen")
+
+
+def test_signals_are_drawn_against_a_signal(page, logs):
+    open_log(page, "first.mcap", "?signals=left.tau_J.4,left.pad_force&x=left.q.1&t=1&from=0.5&to=2")
+    expect(page.locator("#across")).to_have_value("left.q.1")
+    curves = [drawn(page, name)[0] for name in ("left.tau_J.4", "left.pad_force")]
+    over_time = read_log(logs / "first.mcap").topic("/left/arm")
+    rows = slice(499, 2001)
+    np.testing.assert_allclose(curves[0]["x"], over_time["q"][rows, 0], atol=1e-6)
+    np.testing.assert_allclose(curves[0]["y"], over_time["tau_J"][rows, 3], atol=1e-4)
+    figure, row = page.locator("#figure").bounding_box(), 1200
+    assert figure is not None
+    x = page.evaluate(_PX, curves[1]["x"][row])
+    low, high = curves[1]["range"]
+    share = (high - curves[1]["y"][row]) / (high - low)
+    y = curves[1]["top"] + share * (curves[1]["bottom"] - curves[1]["top"])
+    page.mouse.click(figure["x"] + x, figure["y"] + y)
+    expect(page.locator("#now")).to_have_text(re.compile(r"^1\.(69|70)"))  # the sample that is there
+    expect(page.locator("#pdf")).to_have_attribute("aria-disabled", "true")
+    page.select_option("#across", "")
+    expect(page.locator("#pdf")).to_have_attribute("aria-disabled", "false")
+    expect(page).not_to_have_url(re.compile("x=left"))
+    assert drawn(page, "left.pad_force")[0]["x"][0] == pytest.approx(0.499)
 
 
 def first_impact_s(log):
@@ -417,6 +466,7 @@ def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
     open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
     for suffix in ("pdf", "svg", "png", "csv", "mcap"):
         expect(page.locator(f"#{suffix}")).to_have_attribute("href", re.compile("^/api/logs/"))
+        page.locator("#export").evaluate("menu => (menu.open = true)")
         with page.expect_download() as download:
             page.click(f"#{suffix}")
         download.value.save_as(tmp_path / f"got.{suffix}")
@@ -465,10 +515,11 @@ def test_everything_is_reached_by_the_keyboard(page):
     page.keyboard.press("Escape")
     expect(page.locator("#help")).to_be_hidden()
     page.evaluate("document.activeElement.blur()")
+    page.locator("#export").evaluate("menu => (menu.open = true)")  # Enter opens it
     reached = set()
     focused = "document.activeElement.id || document.activeElement.closest('aside, nav')?.className"
     for _ in range(400):
         page.keyboard.press("Tab")
         reached.add(page.evaluate(focused))
-    controls = {"other", "full", "png", "csv", "mcap", "keys", "play", "speed", "slider", "level"}
+    controls = {"other", "full", "png", "csv", "mcap", "further", "play", "speed", "slider", "level"}
     assert controls | {"tree", "rail"} <= reached

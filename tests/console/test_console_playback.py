@@ -48,17 +48,24 @@ def test_a_second_log_is_shown_as_a_ghost_at_the_same_moment_and_goes_again(serv
                 cursor.send(json.dumps(message))
                 return json.loads(cursor.recv(timeout=60)), served.parts.review_scenes._poses.get(VIEW)
 
-            answer, poses = ask(t=0.6, other=logs["two"], offset=0.2)  # what the other one had at 0.4 s
-            assert answer["ghost_t"] == pytest.approx(0.4, abs=1e-3)
+            both = f"{logs['two']}:0.2,{logs['one']}:0.5"
+            answer, poses = ask(t=0.6, others=both, signals="left.q.1")  # what the first one had at 0.4 s
+            assert [other["t"] for other in answer["others"]] == pytest.approx([0.4, 0.1], abs=1e-3)
+            values = [answer["values"], *(other["values"] for other in answer["others"])]
+            assert [value["left.q.1"] for value in values] == pytest.approx([0.6, 10.4, 0.1], abs=1e-3)
             np.testing.assert_allclose(poses.log.q[:, 0], 0.6, atol=1e-3)
             np.testing.assert_allclose(poses.ghost.q[:, 0], 10.4, atol=1e-3)
-            answer, poses = ask(t=0.1, other=logs["two"], offset=0.2)  # before its beginning: nothing of it is known
+            answer, poses = ask(t=0.6, others=both, ghost=False)
+            assert (len(answer["others"]), poses.ghost) == (2, None)
+            answer, poses = ask(t=0.1, others=both)  # before its beginning: nothing of it is known
             assert poses.ghost.q is None
             answer, poses = ask(t=0.6)
-            assert "ghost_t" not in answer
+            assert answer["others"] == []
             assert poses.ghost is None
-            answer, _ = ask(t=0.6, other="0" * 32)
-            assert "no such log" in answer["error"]
+            answer, _ = ask(t=0.6, others="0" * 32)
+            assert "does not exist" in answer["error"]
+            answer, _ = ask(t=0.6, others=f"{logs['two']}:1e300")
+            assert "not ID:OFFSET" in answer["error"]
 
 
 def armed(client, headers):
@@ -98,7 +105,7 @@ def taken_number(client):
 @pytest.mark.parametrize(
     ("order", "status", "says"),
     [
-        ({"log": "0" * 32}, 404, "no such log"),
+        ({"log": "0" * 32}, 404, "does not exist"),
         ({"log": "one", "speed": 0.05}, 422, "speed"),
         ({"log": "one", "speed": 4.5}, 422, "speed"),
         ({"log": "one", "speed": "fast"}, 422, "speed"),

@@ -1,7 +1,9 @@
 // A canvas as large as its element, cleared, to draw on in CSS pixels; null where it is not shown.
 
+const PRINTED = 3; // pixels a CSS pixel on paper
+
 export function pen(canvas) {
-  const ratio = devicePixelRatio;
+  const ratio = document.documentElement.matches(".printing") ? PRINTED : devicePixelRatio;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   if (!width) return null;
   if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);

@@ -6,7 +6,8 @@ import { eventColour, theme } from "./style.js";
 
 const ALPHA = 0.17;
 const CROWD = 24; // events in sight: so many lines would hide the curves
-const isTold = ({ name }) => name === "impact" || name === "verdict";
+const isTold = ({ name }) => name === "impact" || name === "verdict" || name === "note";
+const MOST_LETTERS = 32; // of a note
 const WORD_PX = 84; // a word needs as much room
 
 // Of the first arm that the log has.
@@ -31,19 +32,19 @@ export function drawModes(context, spans, x, left, right, top, height, alpha, wo
   context.globalAlpha = 1;
 }
 
-// In the plots: area {left, right, lane} px, x: time -> px. Impacts and verdicts have their words in the lane on top.
-export function drawBands(canvas, document, x, area, panes) {
+// In the plots: area {left, right, lane} px, x: time -> px. Impacts, verdicts and notes have their words in the lane on top.
+export function drawBands(canvas, { document, marks }, x, area, panes) {
   const on = pen(canvas);
   if (!on || !document) return;
   const { context } = on;
   for (const { top, bottom } of panes) drawModes(context, modesOf(document), x, area.left, area.right, top, bottom - top, ALPHA, false);
   const inside = ({ t_s }) => x(t_s) >= area.left && x(t_s) <= area.right;
-  const told = document.events.filter((event) => (event.name !== "mode" || event.level !== "INFO") && inside(event));
+  const told = marks.filter((event) => (event.name !== "mode" || event.level !== "INFO") && inside(event));
   drawEvents(context, told, x, panes);
   if (told.length <= CROWD) labels(context, told, x, area);
 }
 
-// Impacts and verdicts as lines, all else as dots; in a crowd as faint lines, one where several are at the same pixel.
+// Impacts, verdicts and notes as lines, all else as dots; in a crowd as faint lines, one where several are at the same pixel.
 function drawEvents(context, events, x, panes) {
   const crowded = events.length > CROWD;
   for (const alike of Map.groupBy(events, (event) => `${eventColour(event)} ${isTold(event)}`).values()) {
@@ -58,7 +59,7 @@ function drawEvents(context, events, x, panes) {
   }
 }
 
-// Impacts and verdicts in words, where there is room for them.
+// Impacts, verdicts and notes in words, where there is room for them.
 function labels(context, events, x, area) {
   context.globalAlpha = 1;
   context.font = `11px ${theme().font}`;
@@ -66,7 +67,7 @@ function labels(context, events, x, area) {
   let free = area.left;
   for (const event of events.filter(isTold)) {
     const place = x(event.t_s);
-    const text = event.name === "impact" ? `impact${/\bleft\b/.test(event.text) ? " left" : /\bright\b/.test(event.text) ? " right" : ""}` : event.text;
+    const text = event.name === "impact" ? `impact${/\bleft\b/.test(event.text) ? " left" : /\bright\b/.test(event.text) ? " right" : ""}` : event.text.length > MOST_LETTERS ? `${event.text.slice(0, MOST_LETTERS - 3)}...` : event.text;
     const width = context.measureText(text).width + 9;
     const start = Math.min(place, area.right - width);
     if (start < free) continue;
@@ -82,7 +83,7 @@ function labels(context, events, x, area) {
 }
 
 // The whole log on one line, with what the plots show framed.
-export function drawOverview(canvas, document, view) {
+export function drawOverview(canvas, { document, marks }, view) {
   const on = pen(canvas);
   if (!on) return;
   const { context, width, height } = on;
@@ -96,13 +97,13 @@ export function drawOverview(canvas, document, view) {
     context.fillRect(0, 0, x(document.share * view.end), height);
     drawModes(context, modesOf(document), x, 0, width, 0, height, 0.5, true);
     let last = -2;
-    for (const event of document.events) {
-      if (event.name === "mode" && event.level === "INFO") continue;
-      const place = Math.round(x(event.t_s));
-      if (place - last < 2) continue;
+    for (const event of marks) {
+      const [note, place] = [event.name === "note", Math.round(x(event.t_s))];
+      if ((event.name === "mode" && event.level === "INFO") || (place - last < 2 && !note)) continue;
       last = place;
       context.fillStyle = eventColour(event);
-      context.fillRect(place, 0, 1, height);
+      context.fillRect(place - (note ? 1 : 0), 0, note ? 3 : 1, height);
+      if (note) context.fillRect(place - 4, 0, 9, 5); // its head
     }
   }
   context.strokeStyle = theme().text;

@@ -1,9 +1,8 @@
 // Axes and curves of all panes on one canvas: drawn in one go, with nothing that the browser would have to lay out.
 
-import { theme } from "./style.js";
+import { DASHES, theme } from "./style.js";
 
 export const MARGIN = { left: 64, right: 12, bottom: 28 };
-const DASHES = { solid: [], dash: [9, 6], dot: [2, 3], longdashdot: [12, 4, 3, 4] };
 const TICK_PX = { x: 90, y: 28 }; // between two of them at least
 const MOST_TICKS_Y = 5;
 const CROWDED = 6; // px up and down a pixel of width: from then on a curve is an area
@@ -11,9 +10,9 @@ const ROOM = 0.05; // of a pane's range above and below its curves
 
 export class Chart {
   // panes: [{top, bottom}] px, a range too where it is not what the curves need; curves: [{name, pane, x, y, colour, dash, width, opacity}],
-  // x in s, pane: its place there
-  constructor({ width, height, from, to, panes, curves }) {
-    Object.assign(this, { width, height, from, to, curves });
+  // x in `unit`, pane: its place there; ordered: whether x rises along every curve
+  constructor({ width, height, from, to, panes, curves, unit = "s", ordered = true }) {
+    Object.assign(this, { width, height, from, to, curves, unit, ordered });
     this.plotWidth = width - MARGIN.left - MARGIN.right;
     this.panes = panes.map((pane, place) => ({ range: rangeOf(curves.filter((curve) => curve.pane === place)), ...pane }));
   }
@@ -33,8 +32,8 @@ export class Chart {
     context.textAlign = "center";
     context.textBaseline = "top";
     for (const { value, label } of times) {
-      const half = context.measureText(`${label} s`).width / 2;
-      context.fillText(`${label} s`, Math.min(this.x(value), this.width - half), this.height - MARGIN.bottom + 6);
+      const half = context.measureText(`${label} ${this.unit}`).width / 2;
+      context.fillText(`${label} ${this.unit}`, Math.min(this.x(value), this.width - half), this.height - MARGIN.bottom + 6);
     }
     this.panes.forEach((pane, place) => {
       context.save();
@@ -73,7 +72,7 @@ export class Chart {
     const px = (row) => MARGIN.left + (x[row] - this.from) * perSecond;
     const py = (row) => bottom - (y[row] - range[0]) * perUnit;
     context.globalAlpha = opacity;
-    if (dash === "solid" && travel(y) * perUnit > CROWDED * this.plotWidth) {
+    if (this.ordered && travel(y) * perUnit > CROWDED * this.plotWidth) {
       context.fillStyle = colour;
       drawColumns(context, x.length, px, py, width / 2);
       return;
@@ -122,10 +121,11 @@ function drawColumns(context, rows, px, py, half) {
   finish(column + 1);
 }
 
-function rangeOf(curves) {
+// Of what the curves have, y or x, with some room around it.
+export function rangeOf(curves, what = "y") {
   let [low, high] = [Infinity, -Infinity];
-  for (const { y } of curves) {
-    for (const value of y) {
+  for (const { [what]: values } of curves) {
+    for (const value of values) {
       if (value < low && value > -Infinity) low = value;
       if (value > high && value < Infinity) high = value;
     }

@@ -4,10 +4,23 @@ import { get } from "../api.js";
 import { showError } from "../errors.js";
 import { plain, when } from "../formats.js";
 import { Log } from "./source.js";
+import { overlaySwatch } from "./style.js";
 import { MOST_OTHERS } from "./view.js";
 
 const HALF_SAMPLE_S = 0.0005;
 const NOT_SET = "not set";
+// of a row of the list of logs: what tells two apart, as it is written
+const TELLING = {
+  kind: plain, object: plain, controller: plain, displacement_mm: (mm) => `${mm > 0 ? "+" : ""}${mm} mm`, displacement_x_mm: (mm) => `x ${mm} mm`,
+  yaw_deg: (degrees) => `${degrees}\u00b0`, law_inertia: plain,
+};
+
+// A log as what it has otherwise than this one.
+function nameOf(row, own) {
+  const words = Object.entries(TELLING).filter(([key]) => row[key] !== own[key] && row[key] !== null).map(([key, written]) => written(row[key]));
+  if (words.length === 0 && row.seed !== own.seed && row.seed !== null) words.push(`seed ${row.seed}`);
+  return words.length ? words.join(", ") : `as this one, ${when(row.when).slice(5, 16)}`;
+}
 
 export class Compare {
   constructor(view, log, plots) {
@@ -16,11 +29,10 @@ export class Compare {
     this.align = document.getElementById("align");
     this.align.value = view.align;
     this.chips = document.getElementById("overlays");
-    this.panel = document.getElementById("difference");
     this.ghost = document.getElementById("ghost");
-    this.names = new Map();
+    this.names = new Map(); // {name, file} of each log that can be compared, by its id
     this.read = new Map(); // the logs by id, once something of them has been read
-    this.set = new Map(); // what was set differently, by id: Map of key to {this, other}
+    this.set = new Map(); // what was set differently, by id: [{key, this, other}]
     this.select.addEventListener("change", () => {
       const id = this.select.value;
       this.select.value = "";
@@ -39,10 +51,11 @@ export class Compare {
 
   async offer() {
     try {
-      const rows = (await get("/api/logs")).filter((row) => row.id !== this.log.id && row.kind !== "not ours");
-      const title = (row) => [row.name, plain(row.controller), row.displacement_mm === null ? "" : `${row.displacement_mm} mm`, when(row.when).slice(5, 16)].filter(Boolean).join(", ");
-      this.select.append(...rows.map((row) => new Option(title(row), row.id)));
-      this.names = new Map(rows.map((row) => [row.id, row.name]));
+      const rows = (await get("/api/logs")).filter((row) => row.kind !== "not ours");
+      const own = rows.find((row) => row.id === this.log.id) ?? {};
+      const others = rows.filter((row) => row !== own);
+      this.names = new Map(others.map((row) => [row.id, { name: nameOf(row, own), file: row.name, began: when(row.when).slice(11) }]));
+      this.select.append(...others.map((row) => new Option(`${nameOf(row, own)}, ${when(row.when).slice(5, 16)} (${row.name})`, row.id)));
     } catch (error) {
       showError(`The logs to compare with are not known: ${error.message}`);
     }
@@ -77,7 +90,6 @@ export class Compare {
     this.view.others = this.view.others.filter((other) => other !== id);
     for (const known of [this.read, this.set]) known.delete(id);
     this.place();
-    this.showDifference();
   }
 
   // Move the other logs' times so that the first impacts, or the first samples, are one below the other.
@@ -87,87 +99,87 @@ export class Compare {
     const lacking = this.log.impact === null || others.some((other) => other.impact === null);
     this.align.options[0].textContent = others.length && lacking ? "impact, or start" : "impact";
     this.align.title = others.length && lacking ? "A log without an impact is aligned at the start" : "";
-    this.plots.others = others.map((log) => ({ log, offset: atImpact(log) ? this.log.impact - log.impact : 0 }));
+    this.plots.others = others.map((log) => ({ log, place: this.view.others.indexOf(log.id), offset: atImpact(log) ? this.log.impact - log.impact : 0 }));
     this.show();
     this.view.tell("other");
     this.plots.refresh();
   }
 
-  // A chip for each log that lies over this one, in its colour; pressed, it goes.
+  // A chip for each log that lies over this one, as its curves look; pressed, it says what was set differently.
   show() {
     const none = this.view.others.length === 0;
-    this.align.disabled = none;
-    document.getElementById("minus").disabled = none;
-    this.chips.replaceChildren(...this.view.others.map((id, place) => {
-      const chip = document.createElement("button");
-      chip.type = "button";
-      chip.className = "chip";
-      chip.dataset.place = place + 1;
-      chip.title = `Take ${this.nameOf(id)} away`;
-      chip.textContent = this.nameOf(id);
-      chip.addEventListener("click", () => this.remove(id));
-      return chip;
-    }));
-    if (none) this.panel.hidden = true;
+    document.getElementById("comparing").hidden = none;
+    this.chips.hidden = none;
+    const opened = this.chips.querySelector("details[open]")?.dataset.id;
+    this.chips.replaceChildren(...this.view.others.map((id, place) => this.chip(id, place, id === opened)));
   }
 
+  chip(id, place, open) {
+    const chip = Object.assign(document.createElement("span"), { className: "chip" });
+    const menu = Object.assign(document.createElement("details"), { className: "menu", open });
+    menu.dataset.id = id;
+    const summary = document.createElement("summary");
+    summary.title = `${this.nameOf(id)} (${this.fileOf(id)})`;
+    summary.append(overlaySwatch(place), Object.assign(document.createElement("span"), { className: "name", textContent: this.nameOf(id) }));
+    menu.append(summary, this.difference(id));
+    const away = Object.assign(document.createElement("button"), { type: "button", textContent: "\u00d7", title: `Take ${this.nameOf(id)} away` });
+    away.ariaLabel = away.title;
+    away.addEventListener("click", () => this.remove(id));
+    chip.append(menu, away);
+    return chip;
+  }
+
+  fileOf(id) {
+    return this.names.get(id)?.file ?? "";
+  }
+
+  // With its time where another one over this log has the same.
   nameOf(id) {
-    return this.names.get(id) ?? "the other log";
+    const { name, began } = this.names.get(id) ?? { name: "the other log" };
+    const alike = this.view.others.some((other) => other !== id && this.names.get(other)?.name === name);
+    return alike && began ? `${name}, ${began}` : name;
   }
 
-  // Say what the ghost shows at the cursor, in the first other log's own time, and return its values there: null without
-  // one, none before its first sample, when there is no ghost, nor after its last one, where the ghost stands still.
-  showGhost({ t, ghost_t: shown, ghost_values: values }) {
-    const [other] = this.plots.others;
-    this.ghost.hidden = shown === undefined || !other;
-    if (this.ghost.hidden) return null;
-    const { duration_s: end, done } = other.log.document;
-    const [before, after] = [t - other.offset < -HALF_SAMPLE_S, t - other.offset > end + HALF_SAMPLE_S];
-    const word = before ? "has not begun" : !after ? `at ${shown.toFixed(3)} s` : `${done ? "ended at" : "has been read up to"} ${end.toFixed(3)} s`;
-    this.ghost.querySelector(".name").textContent = this.nameOf(other.log.id);
-    this.ghost.querySelector(".at").textContent = word;
-    return before || after ? {} : values;
+  // Say what the ghost shows at the cursor, in the first other log's own time, and return each other log's values there:
+  // none before its first sample, when there is no ghost, nor after its last one, where the ghost stands still.
+  at({ t, others: found }, ghost) {
+    const known = this.plots.others.length === found.length ? this.plots.others : []; // else an answer of before
+    const values = known.map((other, place) => {
+      const { duration_s: end, done } = other.log.document;
+      const [before, after] = [t - other.offset < -HALF_SAMPLE_S, t - other.offset > end + HALF_SAMPLE_S];
+      const word = before ? "has not begun" : !after ? `at ${found[place].t.toFixed(3)} s` : `${done ? "ended at" : "has been read up to"} ${end.toFixed(3)} s`;
+      if (place === 0) {
+        this.ghost.querySelector(".name").textContent = this.nameOf(other.log.id);
+        this.ghost.querySelector(".at").textContent = word;
+      }
+      return before || after ? {} : found[place].values;
+    });
+    this.ghost.hidden = !ghost || known.length === 0;
+    return values;
   }
 
   async learnDifference(id) {
-    const rows = await get(`/api/logs/${this.log.id}/difference?other=${id}`);
-    if (!this.view.others.includes(id)) return;
-    this.set.set(id, new Map(rows.map((row) => [row.key, row])));
-    this.showDifference();
+    this.set.set(id, await get(`/api/logs/${this.log.id}/difference?other=${id}`));
+    this.show();
   }
 
-  // A row for each setting that one of the logs has otherwise, a column for each log.
-  showDifference() {
-    const ids = this.view.others.filter((id) => this.set.has(id));
-    const keys = [...new Set(ids.flatMap((id) => [...this.set.get(id).keys()]))];
-    const head = this.panel.querySelector("thead tr");
-    head.replaceChildren(...["", "this log", ...ids.map((id) => this.nameOf(id))].map((text) => {
-      const cell = document.createElement("th");
-      cell.scope = "col";
-      cell.textContent = text;
-      return cell;
-    }));
-    this.panel.querySelector("tbody").replaceChildren(...keys.map((key) => this.row(key, ids)));
-    document.getElementById("difference-count").textContent = keys.length ? `${keys.length}` : "nothing";
-    this.panel.querySelector("table").hidden = keys.length === 0;
-    this.panel.hidden = ids.length === 0;
-  }
-
-  row(key, ids) {
-    const row = document.createElement("tr");
-    const name = row.insertCell();
-    const dot = key.lastIndexOf(".");
-    const [where, word] = [document.createElement("small"), document.createElement("b")];
-    where.textContent = key.slice(0, dot + 1);
-    word.textContent = key.slice(dot + 1);
-    name.append(where, word);
-    const found = ids.map((id) => this.set.get(id).get(key));
-    const own = found.find(Boolean).this ?? NOT_SET;
-    for (const text of [own, ...found.map((difference) => (difference ? difference.other ?? NOT_SET : own))]) {
-      const cell = row.insertCell();
-      cell.textContent = text;
-      cell.classList.toggle("same", text === own);
+  // A row for each setting that this and the other log have otherwise.
+  difference(id) {
+    const place = Object.assign(document.createElement("div"), { className: "items difference" });
+    place.append(Object.assign(document.createElement("p"), { className: "faint", textContent: this.fileOf(id) }));
+    const rows = this.set.get(id) ?? [];
+    if (rows.length === 0) place.append(this.set.has(id) ? "Nothing was set differently." : "What was set differently is being read.");
+    else {
+      const table = document.createElement("table");
+      const [head, body] = [table.createTHead().insertRow(), table.createTBody()];
+      head.append(...["Set differently", "this log", "the other"].map((text) => Object.assign(document.createElement("th"), { scope: "col", textContent: text })));
+      for (const { key, this: own, other } of rows) {
+        const row = body.insertRow();
+        for (const text of [key.replace(/^(trial\.)?specification\./, "").replace("trial.", ""), own ?? NOT_SET, other ?? NOT_SET]) row.insertCell().textContent = text;
+      }
+      table.tabIndex = -1;
+      place.append(table);
     }
-    return row;
+    return place;
   }
 }

@@ -28,7 +28,7 @@ export class Layouts {
   }
 
   show(name) {
-    this.select.replaceChildren(new Option("layout ...", ""), ...Object.keys(this.known).map((known) => new Option(known, known)));
+    this.select.replaceChildren(new Option("Open a layout ...", ""), ...Object.keys(this.known).map((known) => new Option(known, known)));
     this.select.value = name in this.known ? name : "";
     document.getElementById("layout-remove").disabled = this.select.value === "";
   }

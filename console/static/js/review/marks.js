@@ -1,8 +1,17 @@
-// The list of events: by severity, a click goes there; [ and ] go to the previous and the next one.
+// The list of events and notes: by severity, a click goes there; [ and ] go to the previous and the next one.
+
+import { wordOf } from "../modes.js";
 
 const LEVELS = ["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"];
 const MOST = 500; // rows: a browser lays out ten thousand slowly 
 const SAME_S = 5e-4;
+
+// An event as a sentence: a change of mode in the modes' words.
+function sentence({ name, text }) {
+  if (name === "note") return text;
+  const said = name === "mode" ? text.split(" -> ").map((mode) => wordOf(mode.toUpperCase())).join(" to ") : text;
+  return `${name[0].toUpperCase()}${name.slice(1)}: ${said}`;
+}
 
 export class Marks {
   constructor(view, log) {
@@ -12,6 +21,7 @@ export class Marks {
     this.level = document.getElementById("level");
     this.shown = [];
     this.known = -1;
+    this.tools = () => []; // of a note: buttons beside it
     this.level.addEventListener("change", () => this.show());
     view.on("cursor", () => this.mark());
   }
@@ -25,7 +35,7 @@ export class Marks {
 
   show() {
     const least = LEVELS.indexOf(this.level.value);
-    const events = (this.log.document?.events ?? []).filter((event) => LEVELS.indexOf(event.level) >= least);
+    const events = this.log.marks.filter(({ level }) => level === "NOTE" || LEVELS.indexOf(level) >= least);
     this.shown = events.slice(0, MOST);
     this.list.replaceChildren(...this.shown.map((event) => this.row(event)));
     const count = document.getElementById("event-count");
@@ -46,10 +56,11 @@ export class Marks {
     level.dataset.level = event.level;
     level.textContent = event.level;
     const text = document.createElement("span");
-    text.textContent = `${event.name}: ${event.text}`;
+    text.textContent = sentence(event);
     button.append(at, level, text);
     button.addEventListener("click", () => this.go(event));
     row.append(button);
+    if (event.note) row.append(...this.tools(event.note));
     return row;
   }
 

@@ -3,6 +3,7 @@
 import { get } from "../api.js";
 import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
+import { startMenus } from "../menus.js";
 import { startPlayback } from "../playback.js";
 import { startScene } from "../scene.js";
 import { showAnalyses, signalsOf } from "./analyses.js";
@@ -13,11 +14,14 @@ import { startKeys } from "./keys.js";
 import { showLateness } from "./lateness.js";
 import { Layouts } from "./layouts.js";
 import { Marks } from "./marks.js";
+import { Notes } from "./notes.js";
 import { Plots } from "./plots.js";
+import { startPrint } from "./print.js";
 import { Scrub } from "./scrub.js";
 import { Log } from "./source.js";
 import { Timeline } from "./timeline.js";
 import { Tree } from "./tree.js";
+import { Values } from "./values.js";
 import { View } from "./view.js";
 
 const SLOW_MS = 400; // what takes less needs no line
@@ -53,6 +57,7 @@ export let plots = null; // for readers of what is drawn
 
 async function start() {
   const live = startFrame();
+  startMenus();
   const view = new View();
   const log = new Log(main.dataset.id);
   const signals = await get("/api/logs/signals");
@@ -65,16 +70,22 @@ async function start() {
   Object.assign(ghostSwitch, { type: "button", className: "quiet", id: "ghost-switch", textContent: "ghost: on", title: "The compared log in the scene", hidden: true });
   element("home").parentElement.append(ghostSwitch);
   let ghostShown = true;
-  const ghost = () => (plots.others.length && ghostShown ? { id: plots.others[0].log.id, offset: plots.others[0].offset } : null);
+  const values = new Values((id) => compare.nameOf(id));
+  const compared = () => ({ others: plots.others.map(({ log: { id }, offset }) => ({ id, offset })), ghost: ghostShown });
   const layouts = new Layouts(view, log);
-  const scrub = new Scrub(view, log, ghost, (answer) => plots.legends.showValues(answer.values, compare.showGhost(answer)));
+  const scrub = new Scrub(view, log, compared, (answer) => {
+    plots.legends.showValues(answer.values);
+    values.write([answer.values, ...compare.at(answer, ghostShown)], answer.t);
+  });
   ghostSwitch.addEventListener("click", () => {
     ghostShown = !ghostShown;
     ghostSwitch.textContent = `ghost: ${ghostShown ? "on" : "off"}`;
     scrub.ask();
   });
+  for (const what of ["other", "signals"]) view.on(what, () => values.show(plots.signals, plots.others));
   view.on("other", () => {
     ghostSwitch.hidden = plots.others.length === 0;
+    if (ghostSwitch.hidden) compare.ghost.hidden = true;
   });
   plots.shown.then(() => {
     element("full").disabled = false; // before there are curves it would do nothing
@@ -84,19 +95,27 @@ async function start() {
   });
   startPlayback(log.id, live);
   const cameras = new Cameras(view, log);
-  startKeys(view, timeline, marks, cameras);
+  const notes = new Notes(view, log, marks, () => {
+    marks.show();
+    timeline.draw();
+    plots.draw();
+  });
+  notes.load();
+  startKeys(view, timeline, marks, cameras, notes);
 
   const link = () => {
     const none = !view.known || view.signals.length === 0 || plots.drawn === null;
     const [first] = plots.others;
     const shown = { signals: view.signals.join(","), start: view.from, end: view.to };
+    const table = { ...shown, signals: [...new Set([...view.signals, ...(view.across ? [view.across] : [])])].join(",") };
     const others = plots.others.map((other) => `${other.log.id}:${other.offset}`).join(",");
     const drawn = { ...shown, ...(others && { others }), reference: view.reference, difference: plots.differs };
-    const addresses = { csv: ["csv", { ...shown, ...(first && { other: first.log.id, offset: first.offset }) }] };
+    const addresses = { csv: ["csv", { ...table, ...(first && { other: first.log.id, offset: first.offset }) }] };
     for (const form of ["pdf", "svg", "png"]) addresses[form] = ["figure", { ...drawn, form }];
     for (const [id, [what, query]] of Object.entries(addresses)) {
-      element(id).ariaDisabled = none;
-      if (none) element(id).removeAttribute("href");
+      const absent = none || (view.across !== null && id !== "csv"); // figures are drawn over time
+      element(id).ariaDisabled = absent;
+      if (absent) element(id).removeAttribute("href");
       else element(id).href = `/api/logs/${log.id}/${what}?${new URLSearchParams(query)}`;
     }
   };
@@ -105,6 +124,7 @@ async function start() {
   view.on("other", link);
   plots.shown.then(link);
   element("full").addEventListener("click", () => view.setWindow(0, view.end));
+  startPrint(() => plots.draw());
 
   let names = null;
   let later = []; // of the address, and of no log as it is recorded: perhaps an analysis gives them
@@ -117,6 +137,7 @@ async function start() {
       later = view.signals.filter((name) => !signals.some((signal) => signal.name === name));
       tree.keep(names);
       view.keep(names);
+      tree.offer(signals.filter(({ name }) => names.has(name)));
     }
     view.setEnd(document.duration_s);
     if (document.done) {
@@ -124,6 +145,7 @@ async function start() {
       tree.build(given);
       plots.know(given);
       for (const { name } of given) names.add(name);
+      tree.offer(given);
       view.signals = [...view.signals, ...later.filter((name) => names.has(name))];
       view.tell("signals");
       showAnalyses(document);

@@ -2,11 +2,13 @@
 
 import { pen } from "../canvas.js";
 import { showError } from "../errors.js";
+import { alongSignal, drawMoment, middle, MOST_POINTS, nearestTime } from "./across.js";
 import { drawBands } from "./bands.js";
-import { Chart, MARGIN, points } from "./chart.js";
+import { Chart, MARGIN, points, rangeOf } from "./chart.js";
 import { Legends } from "./legends.js";
 import { Pointer } from "./pointer.js";
-import { colourOf, dashOf, overlayColour } from "./style.js";
+import { colourOf, dashOf, overlayLook } from "./style.js";
+import { wordsOf } from "./values.js";
 
 const LANE_PX = 18; // above the panes: impacts and verdicts in words
 const GAP_PX = 6; // between a pane and what is above and below
@@ -17,7 +19,7 @@ export class Plots {
   constructor(view, signals, log) {
     this.view = view;
     this.log = log;
-    this.others = []; // [{log, offset}]: the compared logs, and what has to be added to their times
+    this.others = []; // [{log, place, offset}]: the compared logs, the place of their look, what has to be added to their times
     this.given = new Set(); // the names of those that analyses give, which another log may lack
     this.byName = new Map(signals.map((signal) => [signal.name, signal]));
     this.area = document.getElementById("figure-area");
@@ -38,7 +40,8 @@ export class Plots {
     view.on("cursor", () => this.showCursor());
     new ResizeObserver(() => this.refresh()).observe(document.getElementById("plots"));
     new MutationObserver(() => this.draw()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
-    new Pointer(view, this.area, (px) => view.from + ((px - MARGIN.left) / this.width) * (view.to - view.from));
+    const timeAt = (px) => view.from + ((px - MARGIN.left) / this.width) * (view.to - view.from);
+    new Pointer(view, this.area, (px, event) => (view.across ? nearestTime(this.chart, this.area, event) ?? view.t : timeAt(px)), () => !view.across);
   }
 
   // Signals that are known once the log has been read.
@@ -72,9 +75,10 @@ export class Plots {
 
   async load() {
     const { from, to } = this.view;
-    const names = this.signals.map(({ name }) => name);
+    const { across } = this.view;
+    const names = [...new Set([...this.signals.map(({ name }) => name), ...(across ? [across] : [])])];
     const { others } = this;
-    const width = Math.min(Math.max(Math.round(this.width * BUCKETS_PER_PX), 16), 8192);
+    const width = across ? MOST_POINTS : Math.min(Math.max(Math.round(this.width * BUCKETS_PER_PX), 16), MOST_POINTS);
     const { done } = this.log.document;
     let complete = true; // there is nothing to wait for
     try {
@@ -86,9 +90,10 @@ export class Plots {
       const moved = (other) => (this.differs ? 0 : other.offset);
       this.curves = [
         ...own.map((curve) => ({ ...curve, offset: 0, place: null })),
-        ...over.flatMap((curves, place) => curves.map((curve) => ({ ...curve, offset: moved(others[place]), place }))),
+        ...over.flatMap((curves, place) => curves.map((curve) => ({ ...curve, offset: moved(others[place]), place: others[place].place }))),
       ];
-      this.drawn = { from, to };
+      if (across) this.curves = this.curves.map(middle);
+      this.drawn = { from, to, across };
       this.draw();
       complete = done || names.length === 0 || this.curves.some(({ t }) => t.length > 0);
       performance.measure("curves", { start: this.since, end: performance.now() });
@@ -108,9 +113,10 @@ export class Plots {
     this.fields = [...Map.groupBy(signals, ({ name, field }) => (this.view.reference && followed.get(name)) || field).values()];
     document.getElementById("no-signal").hidden = signals.length > 0;
     this.area.hidden = signals.length === 0;
-    const legends = this.legends.show(this.fields, (signal) => this.colour(signal), this.others.length > 0 && !this.differs, this.area.clientWidth, this.differs);
+    const legends = this.legends.show(this.fields, (signal) => this.colour(signal), this.area.clientWidth, this.differs);
     const around = legends.reduce((sum, height) => sum + height + GAP_PX, MARGIN.bottom + LANE_PX); // what is no curve
-    this.area.style.height = `${Math.max(this.area.parentElement.clientHeight, around + this.fields.length * SMALLEST_PANE_PX)}px`;
+    const smallest = document.documentElement.matches(".printing") ? 0 : SMALLEST_PANE_PX;
+    this.area.style.height = `${Math.max(this.area.parentElement.clientHeight, around + this.fields.length * smallest)}px`;
     const on = pen(this.figure);
     if (on === null) return;
     const pane = (on.height - around) / this.fields.length;
@@ -121,7 +127,12 @@ export class Plots {
       return { members, legend: Math.round(legend), top: Math.round(top), bottom: Math.round(top + pane) };
     });
     this.legends.move(this.panes.map(({ legend }) => legend));
-    this.chart = new Chart({ width: on.width, height: on.height, ...this.drawn, panes: this.panes, curves: this.curves.flatMap((curve) => this.styled(curve)) });
+    const { from, to, across } = this.drawn;
+    let curves = this.curves.flatMap((curve) => this.styled(curve));
+    const axis = across ? this.byName.get(across) : null;
+    if (axis) curves = alongSignal(curves, this.curves.filter(({ name }) => name === across).map((curve) => ({ ...curve, ...points(curve) })));
+    const [left, right] = axis ? rangeOf(curves, "x") : [from, to];
+    this.chart = new Chart({ width: on.width, height: on.height, from: left, to: right, panes: this.panes, curves, ...(axis && { unit: axis.unit, ordered: false }) });
     this.chart.draw(on.context);
     this.drawBehind();
     this.showCursor();
@@ -134,11 +145,9 @@ export class Plots {
     const pane = this.panes.findIndex(({ members }) => members.some(({ name }) => name === curve.name));
     if (pane < 0) return [];
     const signal = this.byName.get(curve.name);
-    const own = curve.place === null;
-    const [dash, right] = [dashOf(signal), signal.whose === "right"];
-    const overDash = dash === "solid" ? (right ? "dash" : "solid") : "dot"; // of another log the colour says which one
-    const look = { dash: own ? dash : overDash, width: own ? 1.5 : 1.25, opacity: 1, colour: own ? this.colour(signal) : overlayColour(curve.place) };
-    return [{ name: curve.name, pane, ...points(curve), ...look }];
+    const dash = dashOf(signal);
+    const look = curve.place === null ? { dash, width: 1.5, opacity: 1, colour: this.colour(signal) } : overlayLook(curve.place, signal.whose === "right", dash !== "solid");
+    return [{ name: curve.name, place: curve.place, pane, ...points(curve), ...look }];
   }
 
   // The signals that are drawn: what is ticked, and with it what it is to follow.
@@ -150,7 +159,7 @@ export class Plots {
 
   // Whether differences are drawn instead of the logs.
   get differs() {
-    return this.view.difference && this.others.length > 0;
+    return this.view.difference && this.others.length > 0 && !this.view.across;
   }
 
   colour(signal) {
@@ -160,12 +169,18 @@ export class Plots {
   }
 
   drawBehind() {
+    const axis = this.byName.get(this.drawn.across);
+    if (axis) return drawMoment(document.getElementById("bands"), this.chart, this.view.t, LANE_PX, `across: ${wordsOf(axis)}`);
     const area = { left: MARGIN.left, right: MARGIN.left + this.chart.plotWidth, lane: LANE_PX };
-    drawBands(document.getElementById("bands"), this.log.document, (t) => this.chart.x(t), area, this.panes);
+    drawBands(document.getElementById("bands"), this.log, (t) => this.chart.x(t), area, this.panes);
   }
 
   showCursor() {
     if (this.chart === null) return;
+    if (this.drawn.across) {
+      this.cursor.hidden = true;
+      return this.drawBehind();
+    }
     const px = this.chart.x(this.view.t);
     this.cursor.hidden = px < MARGIN.left - 1 || px > MARGIN.left + this.chart.plotWidth + 1;
     this.cursor.style.transform = `translateX(${px}px)`;

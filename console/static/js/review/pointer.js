@@ -8,9 +8,9 @@ const WHEEL_PX = 200; // of the wheel for a factor of two: two notches of a mous
 const PAN_SHARE = 0.25; // of the window, for as much
 
 export class Pointer {
-  // area: what the curves are in; time: px -> s
-  constructor(view, area, time) {
-    Object.assign(this, { view, area, time });
+  // area: what the curves are in; time: (px, event) -> s; zooms: whether a drag is a part of the time
+  constructor(view, area, time, zooms = () => true) {
+    Object.assign(this, { view, area, time, zooms });
     this.cursor = area.querySelector(".cursor"); // there may be none to drag
     this.selection = area.querySelector(".selection");
     this.from = null; // px, where a drag began
@@ -35,8 +35,8 @@ export class Pointer {
 
   move(event) {
     const place = this.place(event);
-    if (this.cursor?.hasPointerCapture(event.pointerId)) this.view.setCursor(this.time(place));
-    if (this.from === null) return;
+    if (this.cursor?.hasPointerCapture(event.pointerId)) this.view.setCursor(this.time(place, event));
+    if (this.from === null || !this.zooms()) return;
     const [left, width] = [Math.min(this.from, place), Math.abs(place - this.from)];
     this.selection.hidden = width < CLICK_PX;
     this.selection.style.left = `${left}px`;
@@ -47,7 +47,7 @@ export class Pointer {
     if (this.from === null) return;
     const [first, last] = [this.from, this.place(event)].sort((a, b) => a - b);
     this.end();
-    if (last - first < CLICK_PX) this.view.setCursor(this.time(last));
+    if (last - first < CLICK_PX || !this.zooms()) this.view.setCursor(this.time(this.place(event), event));
     else this.view.setWindow(this.time(first), this.time(last));
   }
 
@@ -66,7 +66,7 @@ export class Pointer {
       this.view.setWindow(from + step, to + step);
       return;
     }
-    const about = Math.min(Math.max(this.time(this.place(event)), from), to);
+    const about = Math.min(Math.max(this.time(this.place(event), event), from), to);
     const factor = 2 ** Math.min(Math.max(by(event.deltaY), -1), 1);
     this.view.setWindow(about - (about - from) * factor, about + (to - about) * factor);
   }

@@ -4,10 +4,10 @@
 const RETRY_MS = 1000;
 
 export class Scrub {
-  // ghost: gives {id, offset} of the second log that is shown at the same moment, or null
-  constructor(view, log, ghost, onValues) {
+  // compared: gives the logs over this one, [{id, offset}], and whether the first one is in the scene as a ghost
+  constructor(view, log, compared, onValues) {
     this.view = view;
-    this.ghost = ghost;
+    this.compared = compared;
     this.key = crypto.randomUUID();
     this.address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/logs/${log.id}/scrub?view=${this.key}`;
     this.onValues = onValues;
@@ -39,8 +39,7 @@ export class Scrub {
     this.wanted = this.socket?.readyState !== WebSocket.OPEN || this.asked !== null;
     if (this.wanted) return;
     this.asked = performance.now();
-    const ghost = this.ghost();
-    const other = ghost === null ? {} : { other: ghost.id, offset: ghost.offset };
-    this.socket.send(JSON.stringify({ t: this.view.t, signals: this.view.signals.join(","), ...other }));
+    const { others, ghost } = this.compared();
+    this.socket.send(JSON.stringify({ t: this.view.t, signals: this.view.signals.join(","), others: others.map(({ id, offset }) => `${id}:${offset}`).join(","), ghost }));
   }
 }

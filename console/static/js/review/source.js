@@ -9,6 +9,7 @@ export class Log {
   constructor(id) {
     this.id = id;
     this.document = null;
+    this.notes = []; // what people wrote at times of it, [{t_s, text}]
   }
 
   // Ask until all of it has been read; `onPart` is told of every part.
@@ -26,6 +27,12 @@ export class Log {
   // Whether an analysis gives this signal of this log.
   gives(name) {
     return this.document?.analyses.some(({ signals }) => signals.some((signal) => signal.name === name)) ?? false;
+  }
+
+  // Events and notes, in order of time.
+  get marks() {
+    const notes = this.notes.map((note) => ({ ...note, note, level: "NOTE", name: "note" }));
+    return [...(this.document?.events ?? []), ...notes].sort((a, b) => a.t_s - b.t_s);
   }
 
   get impact() {

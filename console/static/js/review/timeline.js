@@ -23,7 +23,7 @@ export class Timeline {
   draw() {
     this.slider.disabled = !this.view.known; // it would go back to the beginning once the length is known
     this.slider.max = this.view.end;
-    drawOverview(this.canvas, this.log.document, this.view);
+    drawOverview(this.canvas, this.log, this.view);
   }
 
   showCursor() {

@@ -1,11 +1,15 @@
 // The tree of signals: arm, field, component; a search; the same tick boxes for keyboard and mouse.
 
+import { wordsOf } from "./values.js";
+
 export class Tree {
   constructor(view, signals) {
     this.view = view;
     this.place = document.getElementById("tree");
     this.search = document.getElementById("signal-search");
     this.boxes = new Map();
+    this.across = document.getElementById("across");
+    this.across.addEventListener("change", () => view.show("across", this.across.value || null));
     this.place.hidden = true; // until it is known which arms the log has
     this.build(signals);
     this.search.addEventListener("input", () => this.filter());
@@ -38,6 +42,16 @@ export class Tree {
       }
       this.place.append(details);
     }
+  }
+
+  // What can be the horizontal axis: time, or a signal.
+  offer(signals) {
+    for (const [group, members] of Map.groupBy(signals, (signal) => signal.group)) {
+      const place = Object.assign(document.createElement("optgroup"), { label: group });
+      place.append(...members.map((signal) => new Option(wordsOf(signal), signal.name)));
+      this.across.append(place);
+    }
+    this.across.value = this.view.across ?? "";
   }
 
   // Show what the log can have, and nothing else.

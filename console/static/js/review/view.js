@@ -4,7 +4,7 @@ const DEFAULT = [
   "left.pad_force", "right.pad_force", "left.force_norm", "left.pad_velocity.vy", "right.pad_velocity.vy",
   "object.position.z",
 ];
-export const MOST_OTHERS = 4;
+export const MOST_OTHERS = 5;
 const ADDRESS_MS = 300; // browsers refuse more than some hundred changes of the address in ten seconds
 const SHORTEST_S = 0.005;
 
@@ -19,6 +19,7 @@ export class View {
     this.others = (asked.get("other") ?? "").split(",").filter(Boolean).slice(0, MOST_OTHERS);
     this.reference = asked.get("reference") === "1";
     this.difference = asked.get("difference") === "1";
+    this.across = asked.get("x"); // the signal along the horizontal axis, null: time
     this.layout = asked.get("layout"); // to be applied once
     this.align = asked.get("align") === "start" ? "start" : "impact";
     this.end = 1;
@@ -71,6 +72,7 @@ export class View {
     this.names = names;
     const instead = (name) => (names.has(name) ? name : name.replace(/^left\./, "right.")); // of the arm that is there
     this.signals = [...new Set(this.signals.map(instead))].filter((name) => names.has(name));
+    if (!names.has(this.across)) this.across = null;
   }
 
   toggle(name, on) {
@@ -78,7 +80,7 @@ export class View {
     this.tell("signals");
   }
 
-  // what: reference or difference.
+  // what: reference, difference or across.
   show(what, on) {
     this[what] = on;
     this.tell("signals");
@@ -89,6 +91,7 @@ export class View {
     const parts = [`t=${this.t.toFixed(3)}`, `signals=${this.signals.join(",")}`];
     if (this.from > 0 || this.to < this.end) parts.push(`from=${this.from.toFixed(3)}`, `to=${this.to.toFixed(3)}`);
     if (this.others.length) parts.push(`other=${this.others.join(",")}`, `align=${this.align}`);
+    if (this.across) parts.push(`x=${this.across}`);
     for (const what of ["reference", "difference"]) if (this[what]) parts.push(`${what}=1`);
     history.replaceState(null, "", `?${parts.join("&")}`);
   }
