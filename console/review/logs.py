@@ -27,7 +27,7 @@ class ReadLog(LogColumns):
     entry: LogEntry
 
 
-def listed(catalogue: Catalogue, log_id: str, none: str = "there is no such log; reload the list") -> LogEntry:
+def listed(catalogue: Catalogue, log_id: str, none: str = "This log does not exist.") -> LogEntry:
     """Return the log of an id, never of a path. Raises Refused with the line `none`."""
     try:
         return catalogue.entry(log_id)
@@ -39,7 +39,7 @@ def entry_of(catalogue: Catalogue, log_id: str) -> LogEntry:
     """Return the log of an id for the review. Raises Refused."""
     entry = listed(catalogue, log_id)
     if entry.condition is LogCondition.FOREIGN:
-        raise Refused(422, "this file is no log of ours: it can be downloaded, not reviewed")
+        raise Refused(422, "This file is not a log of rtstack: it can be downloaded, not reviewed.")
     return entry
 
 

@@ -139,7 +139,7 @@ def _outcome(entry: LogEntry, being_written: bool, success: bool | None, values:
     if being_written:
         return "being written"
     if entry.condition is LogCondition.FOREIGN:
-        return "no log of ours"
+        return "not a log of rtstack"
     if success is None and entry.condition is LogCondition.TRUNCATED:
         return "cut off: rtstack recover gives back the rest"
     if success is None:

@@ -407,7 +407,7 @@ def test_an_unknown_address_of_the_interface_is_one_line_and_any_other_a_page(se
         assert answer.status_code == 404
         assert list(answer.json()) == ["error"]
         for path, said in (
-            ("/no/such/<page>", "Nothing is at /no/such/&lt;page&gt;"), ("/logs/0000000000000000", "no such log"),
+            ("/no/such/<page>", "Nothing is at /no/such/&lt;page&gt;"), ("/logs/0000000000000000", "does not exist"),
         ):  # fmt: skip
             answer = client.get(path)
             assert answer.status_code == 404

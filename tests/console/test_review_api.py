@@ -125,7 +125,7 @@ def test_a_log_is_read_and_its_spike_comes_down(served, logs):
         ("values?t=inf", 422, "t:"),
         ("events?level=LOUD", 422, "level: Input should be 'DEBUG'"),
         ("csv?start=0&end=1", 422, "signals"),
-        ("difference?other=..%2f..%2fetc", 404, "no such log"),
+        ("difference?other=..%2f..%2fetc", 404, "does not exist"),
     ],
 )
 def test_bad_questions_get_one_line(asked, path, status, words):
@@ -143,7 +143,7 @@ def test_what_is_no_log_says_so_and_a_log_without_an_end_is_shown(served, logs):
         os.utime(served.logs / "cut.mcap", (0.0, 1e9))
         answer = client.get(f"/api/logs/{logs['none.mcap']}")
         assert answer.status_code == 422
-        assert "no log of ours" in answer.json()["error"]
+        assert "not a log of rtstack" in answer.json()["error"]
         assert client.get(f"/logs/{'0' * 32}").status_code == 404
         document = read(client, cut)
         assert document["condition"] == "truncated"

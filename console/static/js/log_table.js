@@ -5,8 +5,11 @@ import { get } from "./api.js";
 import { showError } from "./errors.js";
 import { number, plain, shift, size, when } from "./formats.js";
 import { save } from "./review/saving.js";
+import { RowWindow } from "./row_window.js";
 
 const REFRESH_MS = 5000;
+const SHARE = 10; // of the time goes into asking, at most one part: a long list takes its time
+const TYPING_MS = 150;
 const NO_MATCH = "No log matches the filter.";
 
 export function cell(row, text, kind = "") {
@@ -24,8 +27,11 @@ export function link(address, text, title = "") {
   return element;
 }
 
-// Where a log is opened; null for a file that is none of ours.
-const addressOf = (log) => (log.kind === "not ours" ? null : `/logs/${log.id}`);
+// Whether it can be opened: a log that begins, or a file of another program, has nothing to show.
+export const known = (log) => log.kind !== "not ours";
+const addressOf = (log) => (known(log) ? `/logs/${log.id}` : null);
+
+const kind = (log) => (known(log) ? log.kind : log.outcome === "being written" ? "starting \u2026" : "unknown file");
 
 function opener(row, log) {
   const place = cell(row, "", "when");
@@ -72,7 +78,8 @@ const DECISIONS = { open: "accept or reject", accepted: "accepted", rejected: "r
 
 function file(row, log, heading) {
   const place = row.insertCell();
-  if (heading.closest("[data-decide]") && log.decision !== null && log.success !== null) {
+  const asked = log.decision !== null && log.success !== null && log.note !== "training"; // an exercise is no example
+  if (heading.closest("[data-decide]") && asked) {
     const about = log.decision === "open" ? "Not decided yet: look at it, and say whether trials may follow it" : "Whether trials may follow it; look at it again";
     const decision = link(`/recordings/${log.id}`, DECISIONS[log.decision], about);
     decision.dataset.decision = log.decision;
@@ -85,7 +92,7 @@ function file(row, log, heading) {
 
 const COLUMNS = {
   when: opener,
-  kind: (row, log) => cell(row, log.kind),
+  kind: (row, log) => cell(row, kind(log)),
   controller: (row, log) => cell(row, plain(log.controller)),
   object: (row, log) => cell(row, plain(log.object)),
   displacement_mm: (row, log) => cell(row, shift(log), "number"),
@@ -101,8 +108,11 @@ const COLUMNS = {
 
 const IN_ROW = "a, button, input, label, select"; // what has a meaning of its own
 
-// A row opens its log by a click, also in a new tab, and the arrow keys lead from row to row. rows: a tbody.
-export function openRows(rows) {
+const beside = (row, by) => (by > 0 ? row.nextElementSibling : row.previousElementSibling);
+
+// A row opens its log by a click, also in a new tab, and the arrow keys lead from row to row. rows: a tbody; next: returns
+// the row before (-1) or after (1) one.
+export function openRows(rows, next = beside) {
   rows.addEventListener("click", (event) => {
     const row = event.target.closest("tr[data-address]");
     if (!row || event.target.closest(IN_ROW) || String(getSelection())) return;
@@ -110,10 +120,10 @@ export function openRows(rows) {
     else location.assign(row.dataset.address);
   });
   rows.addEventListener("keydown", (event) => {
-    const step = { ArrowDown: "nextElementSibling", ArrowUp: "previousElementSibling" }[event.key];
-    if (!step || !event.target.matches("tr a")) return;
+    const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!by || !event.target.matches("tr a")) return;
     event.preventDefault();
-    for (let row = event.target.closest("tr")[step]; row; row = row[step]) {
+    for (let row = next(event.target.closest("tr"), by); row; row = next(row, by)) {
       const link = row.querySelector("a[href^='/logs/']");
       if (link) return link.focus();
     }
@@ -124,11 +134,12 @@ const quoted = (value) => (value === null ? "" : `"${String(value).replaceAll('"
 
 export class LogTable {
   // query: what is asked for, besides the order; columns: of this table alone; always: asked for, and no filter of a person;
-  // why: where it is said why a filter is refused.
-  constructor(table, query, { columns = {}, always = {}, why = null } = {}) {
-    this.body = table.tBodies[0];
+  // why: where it is said why a filter is refused; onRows: called once other rows are there.
+  constructor(table, query, { columns = {}, always = {}, why = null, onRows = () => {} } = {}) {
+    this.window = new RowWindow(table, (log) => this.makeRow(log));
     this.why = why;
-    openRows(this.body);
+    this.onRows = onRows;
+    openRows(table.tBodies[0], (row, by) => this.window.beside(row, by));
     this.headings = [...table.tHead.rows[0].cells];
     this.columns = { ...COLUMNS, ...columns };
     this.query = query;
@@ -144,8 +155,21 @@ export class LogTable {
     for (const button of table.tHead.querySelectorAll("button")) {
       button.addEventListener("click", () => this.sortBy(button.dataset.key));
     }
-    setInterval(() => this.refresh(), REFRESH_MS);
-    this.refresh();
+    this.typed = 0;
+    this.keepUp();
+  }
+
+  async keepUp() {
+    const began = performance.now();
+    if (!document.hidden) await this.refresh();
+    setTimeout(() => this.keepUp(), Math.max(REFRESH_MS, SHARE * (performance.now() - began)));
+  }
+
+  // Asks once a person has paused in what they type.
+  async search() {
+    const typed = ++this.typed;
+    await new Promise((resolve) => setTimeout(resolve, TYPING_MS));
+    if (typed === this.typed) await this.refresh();
   }
 
   async refresh() {
@@ -185,20 +209,19 @@ export class LogTable {
     const shown = JSON.stringify(this.rows);
     if (shown === this.shown) return; // nothing new: what has the focus keeps it
     this.shown = shown;
-    this.draw();
+    this.window.show(this.rows);
+    this.onRows();
     this.count.textContent = this.rows.length === 1 ? "1 log" : `${this.rows.length} logs, ${size(this.rows.reduce((sum, log) => sum + log.size_bytes, 0))}`;
   }
 
-  draw() {
-    const focused = document.activeElement?.closest("tr[data-id]")?.dataset.id;
-    this.body.replaceChildren();
-    for (const log of this.rows) {
-      const row = this.body.insertRow();
-      row.dataset.id = log.id;
-      if (addressOf(log)) row.dataset.address = addressOf(log);
-      for (const heading of this.headings) this.columns[heading.dataset.column](row, log, heading);
+  makeRow(log) {
+    const row = document.createElement("tr");
+    if (addressOf(log)) row.dataset.address = addressOf(log);
+    for (const heading of this.headings) {
+      this.columns[heading.dataset.column](row, log, heading);
+      row.lastElementChild.dataset.column = heading.dataset.column;
     }
-    if (focused) this.body.querySelector(`tr[data-id="${focused}"] a`)?.focus();
+    return row;
   }
 
   // What is on screen, in its order, as a file.

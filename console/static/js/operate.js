@@ -35,7 +35,7 @@ if (TWO) {
   });
 }
 const logs = new LogTable(document.getElementById("logs"), () => ({ q: filter.value.trim() }), { why: document.getElementById("filter-why") });
-filter.addEventListener("input", () => logs.refresh());
+filter.addEventListener("input", () => logs.search());
 if (TWO) new Jobs(live, references);
 references?.refresh();
 // A trial is to follow this log: its form, with the reference chosen.

@@ -1,15 +1,18 @@
-// The page Logs: the table of all logs. Those that are ticked can be compared, tagged, noted and deleted.
+// The page Logs: the table of all logs. Those that are ticked can be compared, tagged, noted and deleted: a bar says how
+// many there are. What a filter takes out of the list is ticked no longer.
 
 import { get } from "../api.js";
 import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
-import { LogTable } from "../log_table.js";
+import { LogTable, known } from "../log_table.js";
+import { startMenus } from "../menus.js";
 import { Remarks, star } from "../remarks.js";
 import { Trash } from "../trash.js";
 import { MOST_OTHERS } from "./view.js";
 
 const field = (id) => document.getElementById(id);
 const chosen = new Set();
+let searches = 0; // whose rows are not there yet
 
 function tick(row, log) {
   const box = document.createElement("input");
@@ -24,7 +27,6 @@ function tick(row, log) {
   row.insertCell().append(box);
 }
 
-// Those that are ticked and in the list: what is filtered away is not touched.
 const ticked = () => table.rows.filter((log) => chosen.has(log.id));
 
 function allow(id, why, what) {
@@ -33,13 +35,22 @@ function allow(id, why, what) {
 }
 
 function showChosen() {
+  const there = new Set(table.rows.map((log) => log.id));
+  for (const id of chosen) if (!there.has(id)) chosen.delete(id);
   const logs = ticked();
-  const none = logs.length ? null : "Tick logs first";
-  const some = logs.length >= 2 && logs.length <= MOST_OTHERS + 1 && logs.every((log) => log.kind !== "not ours");
-  allow("compare", some ? null : `Tick two to ${MOST_OTHERS + 1} logs to compare them`, "These logs in one view, aligned at the impact");
-  allow("describe", none, "What you say about them stands beside them, in files of its own");
-  allow("delete", none, "Into the trash, from where they can be brought back");
+  const loading = searches ? "The list is being searched" : null;
+  const some = logs.length >= 2 && logs.length <= MOST_OTHERS + 1 && logs.every(known);
+  field("picked").hidden = logs.length === 0;
+  field("picked-count").textContent = `${logs.length} ticked`;
+  allow("compare", loading ?? (some ? null : `Tick two to ${MOST_OTHERS + 1} logs to compare them`), "These logs in one view, aligned at the impact");
+  allow("describe", loading, "What you say about them stands beside them, in files of its own");
+  allow("delete", loading, "Into the trash, from where they can be brought back");
   field("tick-all").checked = logs.length > 0 && logs.length === table.rows.length;
+}
+
+function again() {
+  table.window.show(table.rows, true);
+  showChosen();
 }
 
 async function copyFoxglove() {
@@ -53,19 +64,27 @@ async function copyFoxglove() {
 }
 
 startFrame();
+startMenus();
 field("query").value = new URLSearchParams(location.search).get("q") ?? "";
 const changed = async () => {
   await table.refresh();
   showChosen();
 };
+const filtered = async () => {
+  searches += 1;
+  showChosen();
+  await table.search();
+  searches -= 1;
+  showChosen();
+};
 const table = new LogTable(
   field("logs"),
   () => ({ q: field("query").value.trim(), kind: field("kind").value, outcome: field("outcome").value }),
-  { columns: { tick, star: star(() => changed()) }, why: field("filter-why") },
+  { columns: { tick, star: star(() => changed()) }, why: field("filter-why"), onRows: () => showChosen() },
 );
 const remarks = new Remarks(changed);
 const trash = new Trash(changed);
-for (const id of ["query", "kind", "outcome"]) field(id).addEventListener("input", changed);
+for (const id of ["query", "kind", "outcome"]) field(id).addEventListener("input", filtered);
 field("query").addEventListener("input", () => {
   const words = field("query").value.trim();
   history.replaceState(null, "", words ? `?q=${encodeURIComponent(words)}` : "/logs");
@@ -73,8 +92,11 @@ field("query").addEventListener("input", () => {
 field("tick-all").addEventListener("change", ({ target }) => {
   chosen.clear();
   if (target.checked) for (const log of table.rows) chosen.add(log.id);
-  table.draw();
-  showChosen();
+  again();
+});
+field("untick").addEventListener("click", () => {
+  chosen.clear();
+  again();
 });
 field("table-csv").addEventListener("click", () => table.saveCsv("logs.csv"));
 field("foxglove").addEventListener("click", copyFoxglove);
