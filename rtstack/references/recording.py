@@ -291,6 +291,8 @@ def recording_of(
     problem, then, thing = None, described_in(log), log.metadata.get("trial", {}).get("object", "")
     if impact is None:
         problem = "no impact was found in the demonstration: record one that hits the object"
+        if (accepted.from_s, accepted.to_s) != (None, None):
+            problem = "no impact is in the part that is used: widen the part"
     elif impact < 0:
         problem = f"its impact was set to {by_hand_s:g} s, before {begin * period_s:g} s: cut less off"
     elif impact >= n:

@@ -67,6 +67,14 @@ def test_a_part_is_used_and_accepted_by_one_key_and_the_page_says_so_at_once(con
     assert pixels(page, "mode-interim") > 20  # the exclusion interval
     expect(page.locator("#episodes li")).to_have_count(1)
     expect(page.locator("#episodes img")).to_have_attribute("src", re.compile("^blob:"), timeout=PATIENCE_MS)
+    page.click("#part summary")
+    page.fill("#from", "5.0")  # behind the impact
+    page.keyboard.press("Tab")
+    expect(page.locator("#verdict")).to_have_text(
+        re.compile("No reference can be made: no impact is in the part that is used: widen the part"),
+        timeout=PATIENCE_MS,
+    )
+    expect(page.locator("#episodes small")).to_contain_text("no reference from this part")
     page.fill("#from", "0.4")
     page.keyboard.press("Tab")
     expect(page.locator("#verdict")).to_contain_text("not kept yet", timeout=PATIENCE_MS)
@@ -87,6 +95,7 @@ def test_a_part_is_used_and_accepted_by_one_key_and_the_page_says_so_at_once(con
 
 def test_the_largest_speed_is_offered_before_it_is_played(console):
     page = console.page
+    page.click("#on-arms summary")
     page.locator(".arms").hover()
     line = page.locator("#arms-line")
     expect(line).to_have_text(re.compile(r"^At most \d(\.\d+)?x"), timeout=PATIENCE_MS)

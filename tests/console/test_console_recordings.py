@@ -55,7 +55,10 @@ def test_a_part_of_a_recording_is_used_and_its_file_is_not_changed(recorded):
     reference = prepare_trial(TrialSpecification(str(served.logs / "a.mcap")), served.parts.cell).reference
     assert reference.ticks == 2500
     assert reference.nominal_impact_s == pytest.approx(whole["detected_impact_s"] - 0.5)
-    for wrong, word in (({"from_s": 2.0, "to_s": 2.0}, "nothing is left"), ({"from_s": 2.0}, "no impact was found")):
+    for wrong, word in (
+        ({"from_s": 2.0, "to_s": 2.0}, "nothing is left"),
+        ({"from_s": 2.0}, "no impact is in the part that is used: widen"),
+    ):
         answer = client.post(f"/api/recordings/{log_id}", json={"verdict": "accepted", **wrong}, headers=headers)
         assert (answer.status_code, word in answer.json()["error"]) == (409, True)
     assert (served.logs / "a.mcap").read_bytes() == before

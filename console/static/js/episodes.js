@@ -13,6 +13,13 @@ export class Episodes {
     this.id = id;
     this.place = document.getElementById("episodes");
     this.rows = [];
+    this.fails = false; // what the page shows of this recording gives no reference, whatever was decided
+  }
+
+  mark(fails) {
+    if (fails === this.fails) return;
+    this.fails = fails;
+    this.place.replaceChildren(...this.rows.map((row) => this.card(row)));
   }
 
   async show() {
@@ -30,8 +37,9 @@ export class Episodes {
     image.height = 36;
     this.picture(image, row.id);
     name.textContent = row.title || plain(row.object) || row.name;
-    said.textContent = `${when(row.when).slice(5, 16)}, ${row.decision ?? "open"}`;
-    said.dataset.tone = TONES[row.decision] ?? "";
+    const fails = this.fails && row.id === this.id;
+    said.textContent = `${when(row.when).slice(5, 16)}, ${fails ? "no reference from this part" : row.decision ?? "open"}`;
+    said.dataset.tone = fails ? "bad" : TONES[row.decision] ?? "";
     link.title = row.name;
     link.append(image, name, said);
     item.append(link);

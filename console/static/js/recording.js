@@ -118,6 +118,7 @@ class Page {
     for (const [key, id] of Object.entries(FIELDS)) {
       this.tried[key] = acceptance[key];
       $(id).value = acceptance[key] ?? "";
+      if (acceptance[key] !== null) $("part").open = true;
     }
   }
 
@@ -158,12 +159,15 @@ class Page {
     const tones = { open: "", accepted: "good", rejected: "bad" };
     const { verdict } = this.acceptance;
     const changed = Object.keys(FIELDS).some((key) => this.tried[key] !== this.acceptance[key]);
-    if (extraction.problem) this.tell(`No reference can be made: ${extraction.problem}.`, "bad");
+    const stays = changed && verdict === "accepted" ? " What was accepted stays as it was until another part is accepted." : "";
+    this.episodes.mark(extraction.problem !== null);
+    if (extraction.problem !== null) $("part").open = true;
+    if (extraction.problem) this.tell(`No reference can be made: ${extraction.problem}.${stays}`, "bad");
     else this.tell(words[verdict] + (changed ? " The impact or the part is changed, and not kept yet." : ""), tones[verdict]);
     $("accept").disabled = extraction.problem !== null;
     $("accept").title = extraction.problem ?? "Offer it to trials (A)";
     $("reject").title = "No trial follows it (X)";
-    $("discard").title = "Remove its file (D)";
+    $("discard").title = "Move it to the deleted logs (D)";
   }
 
   draw() {
@@ -207,7 +211,7 @@ class Page {
   }
 
   async discard() {
-    const details = "Its file is removed from the folder of logs and cannot be brought back.";
+    const details = "It goes to the deleted logs, from where the page Logs brings it back.";
     if (!(await ask({ question: "Discard this recording?", details, yes: "Discard", bad: true }))) return;
     try {
       await post(`/api/recordings/${id}/discard`);
