@@ -54,6 +54,10 @@ def test_one_key_says_it_the_list_shows_it_and_again_only_makes_ready(stage, pag
     expect(page.locator(LINE)).to_have_text("Accepted: trials may follow demonstration.mcap.", timeout=READ_MS)
     expect(page.locator("[data-outcome=kept]")).to_have_attribute("aria-pressed", "true")
     assert said(stage) == ("kept", "accepted")
+    expect(page.locator("#episode-count")).to_have_text("1 kept of 1 today")
+    page.click("#follow")
+    expect(page.locator("#trial")).to_be_visible()
+    expect(page.locator("#trial [name=reference]")).to_have_value(stage.ids["log"])
     # a pedal's key, chosen once
     page.click(f"{ROW} summary")
     page.fill("#key-again", "1")

@@ -26,6 +26,7 @@ class Arms:
 
     def __init__(self, rings):
         self.dq = 0.0
+        self.force_n = 0.0
         self.silent = False
         self._pushers = [rings.pusher(f"/{side}/{topic}") for side in ("left", "right") for topic in ("arm", "control")]
         self._over = threading.Event()
@@ -42,6 +43,7 @@ class Arms:
             arm["t_ns"] += 20_000_000
             control["t_ns"] = arm["t_ns"]
             arm["dq"] = self.dq
+            arm["O_F_ext_hat_K"][:, 0] = self.force_n
             for pusher, record in zip(self._pushers, (arm, control) * 2, strict=True):
                 pusher.push(record)
 
