@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Body, Path
 from fastapi.exceptions import HTTPException
 
 from console.parts import NeedsParts, Parts, written_now
@@ -16,7 +16,7 @@ from rtstack.log.errors import LogError
 from rtstack.log_folder import trash
 from rtstack.log_folder.catalogue import LogEntry
 from rtstack.log_folder.log_rows import RECORDINGS, LogRow, log_row
-from rtstack.log_folder.remarks import Notes, Remarks, load_notes, save_notes, save_remarks
+from rtstack.log_folder.remarks import Note, Remarks, load_notes, save_notes, save_remarks
 from rtstack.log_folder.trash import Trashed
 from rtstack.references.acceptance import AcceptanceState, load_acceptance, save_acceptance
 
@@ -46,13 +46,13 @@ def remark(log_id: str, remarks: Remarks, parts: NeedsParts) -> LogRow:
 
 
 @router.get("/logs/{log_id}/notes", responses=problems(404))
-def notes(log_id: str, parts: NeedsParts) -> Notes:
+def notes(log_id: str, parts: NeedsParts) -> list[Note]:
     """Return the notes at times of a log. t_s: s after its first sample."""
     return load_notes(listed(parts.catalogue, log_id).path)
 
 
 @router.post("/logs/{log_id}/notes", responses=problems(404))
-def write_notes(log_id: str, notes: Notes, parts: NeedsParts) -> Notes:
+def write_notes(log_id: str, notes: Annotated[list[Note], Body(max_length=500)], parts: NeedsParts) -> list[Note]:
     """Keep these notes at times of a log, beside it, in the place of those before."""
     save_notes(listed(parts.catalogue, log_id).path, notes)
     return notes

@@ -54,21 +54,14 @@ class Note:
     text: Annotated[str, Field(min_length=1, max_length=400)]
 
 
-@checked(frozen=True, slots=True, config=STRICT)
-class Notes:
-    """The notes at times of a log."""
-
-    notes: Annotated[tuple[Note, ...], Field(max_length=500)] = ()
-
-
-def load_notes(log: Path) -> Notes:
+def load_notes(log: Path) -> list[Note]:
     """Return the notes at times of a log, none where there is no file. Raises LogError."""
-    return load_beside(log.with_name(log.name + NOTES), Notes, LogError)
+    return load_beside(log.with_name(log.name + NOTES), list[Note], LogError)
 
 
-def save_notes(log: Path, notes: Notes) -> None:
+def save_notes(log: Path, notes: list[Note]) -> None:
     """Keep the notes at times of a log: whole, or not at all. Raises LogError."""
-    _keep(log, NOTES, json.dumps(asdict(notes), indent=1, ensure_ascii=False) if notes.notes else "")
+    _keep(log, NOTES, json.dumps([asdict(note) for note in notes], indent=1, ensure_ascii=False) if notes else "")
 
 
 def load_remarks(log: Path) -> Remarks:

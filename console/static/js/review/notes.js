@@ -36,7 +36,7 @@ export class Notes {
 
   async load() {
     try {
-      this.show((await get(this.address)).notes);
+      this.show(await get(this.address));
     } catch (error) {
       showError(`The notes of this log are not shown: ${error.message}`);
     }
@@ -74,8 +74,8 @@ export class Notes {
   // Change the notes as they are now, perhaps by another page; whether that is kept.
   async keep(change) {
     try {
-      const { notes } = await get(this.address);
-      this.show((await post(this.address, { notes: change(notes).sort((a, b) => a.t_s - b.t_s) })).notes);
+      const notes = change(await get(this.address)).sort((a, b) => a.t_s - b.t_s);
+      this.show(await post(this.address, notes));
       $("note-undo").hidden = true;
       return true;
     } catch (error) {
