@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
         gc.freeze()  # all objects made so far stay: no later collection scans them and delays the signs of life
         server = _Server(config, f"{address.base}/?token={parts.sign_in.token}", ready)
         if not asked.alone:
-            watch_parent(lambda: setattr(server, "should_exit", True))
+            watch_parent(lambda: setattr(server, "should_exit", True), parts.watch.end)
         asyncio.run(server.serve([listener]))
     return 0
 

@@ -246,6 +246,7 @@ class Watch:
         self._number = 0
         self._pictures = [(0, 0)] * _PICTURES  # number, and when it was made, monotonic ns
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
+        self._ended = ""
         left, right = (ArmView() if side in self._arms else None for side in SIDES)
         self.view = LiveView(left, right)
         self.document = msgspec.json.encode(self.view)
@@ -253,6 +254,11 @@ class Watch:
         self._threads = [threading.Thread(target=watch, daemon=True, name=name) for name, watch in watched.items()]
         for thread in self._threads:
             thread.start()
+
+    def end(self, why: str) -> None:
+        """Show this line from now on: the robot process has ended."""
+        self._ended = why
+        self._status = (*self._status[:2], why)
 
     def close(self) -> None:
         """End both threads."""
@@ -373,7 +379,7 @@ class Watch:
                     self._status = (answer, time.monotonic(), None)
             except (RobotUnreachable, RobotRefused) as error:
                 status, asked_s, _ = self._status
-                self._status = (status, asked_s, str(error))
+                self._status = (status, asked_s, self._ended or str(error))
 
 
 def _all(values: list[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:

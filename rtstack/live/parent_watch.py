@@ -6,12 +6,15 @@ import threading
 from collections.abc import Callable
 
 
-def watch_parent(when_cut: Callable[[], None]) -> None:
-    """Call `when_cut` once, from a side thread, when the supervisor's end of the pipe closes, however it ended."""
+def watch_parent(when_cut: Callable[[], None], told: Callable[[str], None] = lambda _: None) -> None:
+    """Call `when_cut` once, from a side thread, when the supervisor's end of the pipe closes, however it ended.
+
+    told: called with each line that the supervisor writes.
+    """
 
     def wait() -> None:
-        while os.read(descriptor, 1024):
-            pass
+        while line := os.read(descriptor, 1024):
+            told(line.decode().strip())
         when_cut()
 
     descriptor = sys.stdin.fileno()

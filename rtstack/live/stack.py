@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,11 @@ from hal.base.shared import private_folder, remove_left
 from rtstack.loop.mailbox import remove_mailbox
 
 LOOPBACK = "127.0.0.1"
+# of one that was killed Python's own tracker removes the shared memory, as `remove_left` does
+_QUIET = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker")))
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SHOWN_S = 0.5  # until each page shows why the stack ends
 _END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
 
 
@@ -97,7 +101,11 @@ def _supervise(settings: StackSettings, stack: ExitStack, request: int) -> None:
         raise _Ended
     robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
     child = robot if robot.ended else console
-    raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
+    how = child.how_it_ended()
+    if child is robot:
+        console.say(f"The robot process ended ({how}). Start `rtstack up` again.")
+        time.sleep(_SHOWN_S)
+    raise StackError(f"the {child.what} died: {how}", status=1)
 
 
 def listen(port: int, host: str = LOOPBACK) -> socket.socket:
@@ -123,7 +131,7 @@ class _Child:
         # without a buffer nothing is left to be written when a pipe is closed
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
-            start_new_session=True, pass_fds=inherited,
+            start_new_session=True, pass_fds=inherited, env=os.environ | {"PYTHONWARNINGS": _QUIET},
         )  # fmt: skip
         self.exit = os.pidfd_open(self._process.pid)
 

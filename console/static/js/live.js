@@ -60,7 +60,8 @@ export class Live {
   // What the page showed last is not true any more once the console is quiet.
   watch() {
     if (this.view === null || this.since() < QUIET_S) return;
-    const unreachable = this.ending ? "The stack has ended. Start `rtstack up` again; this page then goes on."
+    const last = this.view.unreachable ?? "";
+    const unreachable = last.startsWith("The robot process ended") ? last : this.ending ? "The stack has ended. Start `rtstack up` again; this page then goes on."
       : "The console does not answer. Check the network and the terminal of `rtstack up`; this page tries again.";
     const state = { word: "waiting", held_n: null, active: true, remedy: null };
     if (this.view.unreachable !== unreachable) this.show({ ...this.view, unreachable, state });
