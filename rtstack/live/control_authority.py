@@ -209,7 +209,7 @@ class ControlAuthority:
             phase, holder, now_s = self._arming.phase, self._arming.holder, self._clock()
             self._arming.watch(now_s)
             if holder is not None and self._arming.holder is None:
-                text = f"{holder} gave no sign of life for {LEASE_S:g} s and lost control"
+                text = f"{holder} sent no signal for {LEASE_S:g} s and lost control"
                 self._note("lost", holder, text, Level.WARNING)
             try:
                 yield now_s

@@ -46,7 +46,7 @@ def slow_tick(median_us: float) -> str:
         return ""
     return (
         f"the median tick takes {median_us:.0f} us, allowed {SLOW_US:.0f}: arms at 1 kHz would lose answers; make the "
-        "controller faster, or end what else keeps this machine busy"
+        "controller faster, or end other programs on this machine"
     )
 
 
@@ -92,8 +92,8 @@ class Heartbeat(Watchdog):
         if silent_ns <= self._limit_ns and last_ns:
             return None
         silent_s = silent_ns * 1e-9 if last_ns else nan
-        what = f"no sign of life for {silent_s:.3g} s" if last_ns else "it never gave a sign of life"
-        return WatchdogTrip(self._end, f"{what}, allowed {self._limit_s:g} s", value=silent_s, bound=self._limit_s)
+        what = f"no signal for {silent_s:.3g} s" if last_ns else "no signal yet"
+        return WatchdogTrip(self._end, f"{what} (limit {self._limit_s:g} s)", value=silent_s, bound=self._limit_s)
 
 
 class Parent(Watchdog):

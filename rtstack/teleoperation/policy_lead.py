@@ -64,7 +64,8 @@ def quiet(quiet_ns: int, end: End, lacking: str) -> WatchdogTrip | None:
     """Return why a session ends whose lead has been quiet for so long, None where that is allowed."""
     if (quiet_s := quiet_ns * 1e-9) <= CLUTCH_S:
         return None
-    return WatchdogTrip(end, f"no {lacking} for {quiet_s:.3g} s, allowed {CLUTCH_S:g} s", value=quiet_s, bound=CLUTCH_S)
+    detail = f"no {lacking} for {quiet_s:.3g} s (limit {CLUTCH_S:g} s)"
+    return WatchdogTrip(end, detail, value=quiet_s, bound=CLUTCH_S)
 
 
 class PolicyLead:

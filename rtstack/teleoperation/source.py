@@ -21,7 +21,7 @@ from rtstack.topics import HAND_TOPIC
 
 _AGES = ("made_us", "made_ns"), ("came_us", "came_ns"), ("picture_us", "picture_ns"), ("seen_us", "seen_ns")
 _DROPPED = ("dropped_old", "dropped_order", "dropped_picture", "dropped_other")
-_QUIET = End.CLUTCH_QUIET, "sign of life of the clutch"
+_QUIET = End.CLUTCH_QUIET, "signal"
 _STIFFER_N_M = 500.0 * CONTROL_PERIOD_S  # a tick: a stiffness that jumped would be a force that jumps
 _POSTURE_RAD = 0.3 * CONTROL_PERIOD_S  # a tick: the posture that a policy's joints ask for
 RELEASE_TEXTS: dict[int, str] = {

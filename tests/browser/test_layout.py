@@ -101,7 +101,7 @@ def test_nothing_jumps_on_take_arm_start_stop_and_fault(stage, address, tab, wid
         still("stopped")
         stage.bring_about("fault")
         expect(band).to_have_attribute("data-state", "fault")
-        expect(page.locator("#remedy")).to_contain_text("What to do: slower")
+        expect(page.locator("#remedy")).to_contain_text("Move slower;")
         still("fault")
     finally:
         stage.end()
@@ -124,7 +124,7 @@ def test_stop_and_a_long_fault_fit_and_the_page_keeps_its_half(stage, width, hei
         assert stop.evaluate("stop => stop.scrollWidth <= stop.clientWidth && stop.scrollHeight <= stop.clientHeight")
         stage.end()
         stage.served.job_manager.authority.fault(LONG_FAULT)
-        expect(page.locator("#control-line")).to_have_text(LONG_FAULT)
+        expect(page.locator("#control-line")).to_have_text(f"S{LONG_FAULT[1:]}.")
         for part in ("#control-line", "#remedy"):
             assert page.locator(part).evaluate(WHOLE), part
         box, bar, nav = (page.locator(each).bounding_box() for each in ("#stop", "#bar", ".rail"))

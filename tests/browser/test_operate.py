@@ -125,11 +125,11 @@ def test_an_operator_who_goes_in_a_motion_leaves_a_fault_that_the_page_shows_and
     expect(page.locator("#take")).to_have_attribute("title", re.compile("once nothing moves"))
     program.go()
     expect(phase).to_have_text("fault", timeout=FINISHED_MS)
-    expect(fault).to_contain_text("the operator has gone: no sign of life")
+    expect(fault).to_contain_text("Lost the operator's page for")
     expect(page.locator("#demonstration [data-why]")).to_contain_text("recover first")
     expect(page.locator("#arm")).to_be_disabled()
     expect(page.locator("#recover")).to_be_enabled(timeout=FINISHED_MS)
-    expect(page.locator("#remedy")).to_contain_text("sign in again, take control; then recover")
+    expect(page.locator("#remedy")).to_contain_text("Press Recover, take control")
     _fits(page, "#recover", "#control-line", "#remedy a", "#take")
     page.click("#recover")
     expect(page.locator("#control-light")).to_have_attribute("data-phase", "disarmed")  # and holding, perhaps

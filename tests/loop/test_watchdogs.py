@@ -270,11 +270,11 @@ def test_who_gives_no_sign_of_life_any_more_stops_the_arms(stage, who):
         watchdog = Heartbeat(lambda: getattr(box, f"{who}_beat_ns"), limit_s, end)
         never = watchdog.trip()
         assert never is not None
-        assert never.detail == f"it never gave a sign of life, allowed {limit_s:g} s"
+        assert never.detail == f"no signal yet (limit {limit_s:g} s)"
         played = stage.play(live_until_at, watchdogs=(watchdog,))
     finally:
         box.close()
-    assert played.stops(rf"^{end}: no sign of life for [\d.]+ s, allowed {limit_s:g} s$") == AT
+    assert played.stops(rf"^{end}: no signal for [\d.]+ s \(limit {limit_s:g} s\)$") == AT
 
 
 def test_ticks_that_take_longer_than_a_period_stop_without_the_controller(stage):

@@ -2,6 +2,7 @@
 // anything that a word does not say too.
 
 import { ALL_ARMS, SIDES, TWO } from "./arms.js";
+import { faultSentence, remedySentence } from "./faults.js";
 import { WHAT } from "./job_line.js";
 import { wordOf } from "./modes.js";
 import { LOOKS } from "./scope.js";
@@ -41,7 +42,7 @@ function showArm(side, arm, held) {
   const word = moving ? wordOf(arm.mode) : holds ? `holds ${newtons(held)}` : ROBOT_WORDS[arm.robot_mode] ?? arm.robot_mode;
   write(figure.querySelector(".word"), fault ? "fault" : word);
   const errors = arm.errors.length ? `: ${arm.errors.join(", ")}` : "";
-  figure.title = `The robot says ${arm.robot_mode}${errors}; commands received ${Math.round(arm.success_rate * 100)} %`;
+  figure.title = `The robot reports ${arm.robot_mode}${errors}; commands received ${Math.round(arm.success_rate * 100)} %`;
 }
 
 function showLoop({ loop, status }) {
@@ -73,10 +74,10 @@ function sentence(view) {
   const mine = holder === you;
   const runs = status.job && ["starting", "running", "stopping"].includes(status.job.state);
   switch (state.word) {
-    case "fault": return status.reason;
+    case "fault": return faultSentence(status.reason ?? "", state.remedy !== null);
     case "recovering": return TWO ? "The arms clear their errors." : "The arm clears its errors.";
     case "preparing": return runs ? `${job(view)} is being prepared: nothing moves yet.` : "A motion is being prepared: nothing moves yet.";
-    case "moving": return runs ? `${job(view)} moves ${TWO ? "the arms" : "the arm"}.` : `${TWO ? "An arm" : "The arm"} moves, and no job of ours moves it.`;
+    case "moving": return runs ? `${job(view)} moves ${TWO ? "the arms" : "the arm"}.` : `${TWO ? "An arm" : "The arm"} moves, and no job moves it.`;
     case "holding":
       if (runs) return `${job(view)} holds ${ALL_ARMS} still; ${TWO ? "they" : "it"} may move at any moment.`;
       return `Both arms hold what is between them. ${mine ? "Arm to go on." : holder === null ? "Take control, then arm, to go on." : ""}`;
@@ -105,8 +106,7 @@ function showState(view) {
   remedy.hidden = state.remedy === null;
   if (state.remedy !== null) {
     const { todo, anchor } = state.remedy;
-    const then = todo.includes("recover") ? "" : "; then recover";
-    write(remedy.querySelector("span"), `What to do: ${todo}${then}.`);
+    write(remedy.querySelector("span"), remedySentence(todo));
     remedy.title = remedy.querySelector("span").textContent;
     remedy.querySelector("a").href = `/recovery#${anchor}`;
   }
