@@ -49,7 +49,7 @@ def test_a_token_is_made_used_and_revoked_and_a_viewer_is_invited(browser, tmp_p
         expect(viewer.locator("#me")).to_contain_text("may look", timeout=PATIENCE_MS)
         for form in ("invite", "token"):
             expect(viewer.locator(f"#{form} button[type=submit]")).to_be_disabled()
-            expect(viewer.locator(f"#{form} [data-why]")).to_contain_text("ask who operates")
+            expect(viewer.locator(f"#{form} [data-why]")).to_contain_text("ask an operator")
         expect(viewer.locator("#tokens tbody tr")).to_have_count(0)
         viewer.click("#sign-out")
         expect(viewer.locator("h1")).to_have_text("Not signed in", timeout=PATIENCE_MS)

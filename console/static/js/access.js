@@ -57,9 +57,9 @@ class Page {
     const { operator, scope } = await get("/api/me");
     this.may = scope === "operate";
     $("me").textContent = `${operator}: may ${this.may ? "operate" : "look, and press STOP"}.`;
-    const why = this.may ? null : "you may only look: ask who operates";
+    const why = this.may ? null : "you may only look: ask an operator";
     for (const form of [$("invite"), $("pair"), $("token")]) showWhy(form, why);
-    if (!this.may) $("no-token").textContent = "Only who may operate sees the tokens.";
+    if (!this.may) $("no-token").textContent = "Only operators see the tokens.";
     setInterval(() => this.refresh(), PERIOD_MS);
     await this.refresh();
   }

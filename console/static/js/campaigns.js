@@ -30,13 +30,13 @@ function make(kind, className, text) {
 
 const nameOf = (campaign) => `${plain(campaign.name).replaceAll("-", " ")}${campaign.quick ? ", sample" : ""}${campaign.on_cell ? ", on the arms" : ""}`;
 const WHERE = {
-  simulated: "Simulated arms alone, beside the robot process and at low priority. The console's end interrupts it; what it has stays.",
-  cell: "The arms of this cell move, one trial after the other, and set the object in its place between them. The campaign takes control over from you; STOP, Pause and taking over work at any time. Stay and watch.",
+  simulated: "Runs on simulated arms at low priority. If the console ends, finished trials stay: press Resume then.",
+  cell: "Moves the arms of this cell, one trial after another, and puts the object back in between. The campaign takes over control from you. STOP, Pause and Take over work at any time. Stay and watch.",
 };
 const share = (campaign) => (campaign.total ? campaign.done / campaign.total : 0);
 
 function progressLine(campaign) {
-  if (campaign.state === "failed") return campaign.message || "it said nothing";
+  if (campaign.state === "failed") return campaign.message || "no reason was given";
   const of = campaign.total === null ? "" : ` of ${campaign.total}`;
   const left = campaign.state === "running" && campaign.time_left_s !== null ? `, ${timeLeft(campaign.time_left_s)}` : "";
   const next = campaign.state === "running" && campaign.next ? `, next: ${campaign.next}` : "";
@@ -77,7 +77,7 @@ class Page {
       forgetErrors("campaigns");
       this.campaigns = campaigns;
       this.offer(plans);
-      write($("plan-folder"), `A TOML file in ${folder}: edit it there.`);
+      write($("plan-folder"), `Saved as a TOML file in ${folder}.`);
       this.show();
     } catch (error) {
       showError(`The campaigns are not up to date: ${error.message}`, "", "campaigns");
@@ -133,19 +133,19 @@ class Page {
     write($("where"), WHERE[this.form.elements.on.value]);
     this.form.elements.nice.closest("label").hidden = this.form.elements.on.value === "cell";
     this.showWhy();
-    if (plan.problem !== null) return write($("plan"), `It cannot be run: ${plan.problem}`);
+    if (plan.problem !== null) return write($("plan"), `This plan cannot be run: ${plan.problem}`);
     write($("plan"), trials === null ? plan.title : `${plan.title}: ${trials} trials`);
   }
 
   // Why none can be started now, in a line; null where one can. The server asks the same.
   whyNot(onCell) {
     if (this.plans.length === 0) return "the plans are being read";
-    if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait for its end, or cancel it";
+    if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait until it ends, or cancel it";
     const { status, you } = this.view ?? {};
     if (!status) return "the robot process has not answered yet";
-    if (onCell) return status.holder === you && status.phase === "armed" ? null : "take control and arm the arms first: the campaign takes over from you";
-    if (status.holder !== null && status.holder !== you) return `${status.holder} has control: ask them`;
-    if (["armed", "moving"].includes(status.phase) && !this.form.elements.nice.checked) return `the arms are ${status.phase}: disarm them, or tick the box above`;
+    if (onCell) return status.holder === you && status.phase === "armed" ? null : "take control and arm first (on Operate): the campaign takes over from you";
+    if (status.holder !== null && status.holder !== you) return `${status.holder} has control: ask for control on Operate`;
+    if (["armed", "moving"].includes(status.phase) && !this.form.elements.nice.checked) return `the arms are ${status.phase}: disarm them, or tick "Allow while the arms are armed"`;
     return null;
   }
 
@@ -153,7 +153,7 @@ class Page {
     const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
     const onCell = this.form.elements.on.value === "cell";
     if (plan && plan.problem !== null) showWhy(this.form, "this plan cannot be run");
-    else if (plan && onCell && !plan.on_cell) showWhy(this.form, "this plan runs in the simulator alone");
+    else if (plan && onCell && !plan.on_cell) showWhy(this.form, "this plan runs on simulated arms only");
     else showWhy(this.form, this.whyNot(onCell));
     const why = this.whyNot(this.campaigns.some((campaign) => campaign.id === this.chosen && campaign.on_cell));
     $("resume").disabled = why !== null;
@@ -219,6 +219,7 @@ class Page {
     $("csv").hidden = campaign.done === 0;
     $("report").href = `${address}/report`;
     $("report").hidden = !campaign.report;
+    $("report").classList.toggle("next", campaign.state === "finished"); // what comes after it
     this.showFigures(campaign, address);
     this.showClaims(campaign);
     this.showReport(campaign, address);

@@ -2,6 +2,8 @@
 
 import { get } from "./api.js";
 import { forgetErrors, showError } from "./errors.js";
+import { asSentence } from "./faults.js";
+import { wordOf } from "./modes.js";
 
 // One time base: the host's clock. The robot's time begins anew with a simulated cell, and two control boxes have two.
 function fill(element, event) {
@@ -13,7 +15,9 @@ function fill(element, event) {
   level.className = "level";
   level.dataset.level = event.level;
   level.textContent = event.level;
-  element.replaceChildren(time, level, `${event.name}: ${event.text}`);
+  const mode = event.name === "mode"; // a change of it, in the words of modes
+  const text = mode ? event.text.split(" -> ").map((each) => wordOf(each.toUpperCase())).join(" to ") : event.text;
+  element.replaceChildren(time, level, asSentence(`${event.name}: ${text}`));
 }
 
 let sound = null;
