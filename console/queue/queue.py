@@ -19,7 +19,7 @@ from rtstack.trials.specification import MOST_SEED
 FILE_NAME = "queue.json"
 MAX_ENTRIES = 500
 INTERRUPTED = "the console ended while it ran"
-_FRESH = "it was not started since the console began"
+_FRESH = "not started since the console was started"
 _NEW = "it was not started yet"
 _EMPTY = "nothing waits in it"
 _broken = partial(Refused, 500)

@@ -40,7 +40,8 @@ class Mean:
 class MeansOf:
     """One controller with one object. whole: over all shifts, each counting alike; points: by shift, in order.
 
-    trials: that have ended; successes of them, unexpected: of the successes, those with an impact that was not meant.
+    trials: that have ended; successes of them, unexpected: of the successes, those with an impact that was not meant;
+    aborted: further ones, which an operator, a watchdog or a robot has ended: they count against no controller.
     """
 
     controller: str
@@ -48,6 +49,7 @@ class MeansOf:
     trials: int
     successes: int
     unexpected: int
+    aborted: int
     whole: Mean
     points: tuple[Mean, ...]
 
@@ -55,26 +57,23 @@ class MeansOf:
 def means_of(rows: Iterable[LogRow], measure: Measure) -> list[MeansOf]:
     """Return the means of these trials, those without a result left out, in the order in which they come."""
     groups: dict[tuple[str, str], list[LogRow]] = {}
-    for row in rows:
-        if row.success is not None:
-            groups.setdefault((row.controller or "", row.object or ""), []).append(row)
+    for row in (each for each in rows if each.success is not None):
+        groups.setdefault((row.controller or "", row.object or ""), []).append(row)
     return [_of_group(*key, group, measure) for key, group in groups.items()]
 
 
-def _of_group(controller: str, thing: str, rows: list[LogRow], measure: Measure) -> MeansOf:
+def _of_group(controller: str, thing: str, ended: list[LogRow], measure: Measure) -> MeansOf:
+    rows = [row for row in ended if row.ending is not Ending.ABORTED]
     values: dict[float, list[float]] = {place: [] for place in sorted({row.displacement_mm or 0.0 for row in rows})}
     for row in rows:
         if (value := getattr(row, measure)) is not None:
             values[row.displacement_mm or 0.0].append(float(value))
     return MeansOf(
-        controller=controller,
-        object=thing,
-        trials=len(rows),
-        successes=sum(row.success is True for row in rows),
-        unexpected=sum(row.ending is Ending.UNEXPECTED for row in rows),
+        controller, thing, len(rows), sum(row.success is True for row in rows),
+        unexpected=sum(row.ending is Ending.UNEXPECTED for row in rows), aborted=len(ended) - len(rows),
         whole=_mean(None, {place: group for place, group in values.items() if group}, measure),
         points=tuple(_mean(place, {place: group} if group else {}, measure) for place, group in values.items()),
-    )
+    )  # fmt: skip
 
 
 def _mean(place: float | None, groups: Mapping[object, list[float]], measure: Measure) -> Mean:
@@ -97,5 +96,4 @@ def card(log_id: str, parts: NeedsParts) -> TrialCard:
 def means(parts: NeedsParts, measure: Measure = Measure.FORCE) -> list[MeansOf]:
     """Return the means of the queue's trials that have ended, with 95 % intervals, by controller, object and shift."""
     logs = {entry.id: entry for entry in parts.catalogue.entries()}
-    ended = [logs[entry.log] for entry in parts.queue.view().entries if entry.log in logs]
-    return means_of([log_row(entry, None) for entry in ended], measure)
+    return means_of([log_row(logs[each.log], None) for each in parts.queue.view().entries if each.log in logs], measure)

@@ -11,12 +11,14 @@ from rtstack.log.errors import LogError
 from rtstack.log.writing.job import values_of
 from rtstack.log_folder.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log_folder.remarks import EpisodeVerdict, Remarks, load_remarks
+from rtstack.loop.end import OUTSIDE, End
 from rtstack.monitor.records import Verdict
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
 
 BY_HAND = "recording"
 RECORDINGS = ("demonstration", BY_HAND)
 PLAN = "plan"  # of `rtstack plan`: a planned recording
+_ABORTS = OUTSIDE | {End.HARDWARE, End.TICK_OVERRUN, End.TORQUE_NOT_TAKEN}  # no doing of the controller
 
 
 class Ending(StrEnum):
@@ -25,6 +27,7 @@ class Ending(StrEnum):
     SUCCESS = "success"
     UNEXPECTED = "unexpected impact"
     FAILURE = "failure"
+    ABORTED = "aborted"
     NONE = "no result"
 
 
@@ -93,7 +96,7 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         kind="not ours" if entry.condition is LogCondition.FOREIGN else entry.kind,
         controller=_text(values.get("controller")), object=_text(values.get("object")),
         seed=None if seed is None else int(seed), success=success,
-        ending=_ending(success, values.get("impact_verdict")),
+        ending=_ending(success, values),
         outcome=_outcome(entry, entry.path.name == being_written, success, values),
         verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
         note=remarks.note or (acceptance.note if acceptance is not None else "") or _text(values.get("note")),
@@ -127,26 +130,24 @@ def _is_plan(entry: LogEntry) -> bool:
     return entry.kind == PLAN and entry.condition is LogCondition.COMPLETE
 
 
-def _ending(success: bool | None, verdict: Any) -> Ending:
+def _ending(success: bool | None, values: Mapping[str, Any]) -> Ending:
     if success is None:
         return Ending.NONE
     if not success:
-        return Ending.FAILURE
-    return Ending.UNEXPECTED if verdict == Verdict.UNEXPECTED.name.lower() else Ending.SUCCESS
+        return Ending.ABORTED if End.in_reason(_text(values.get("failure_reason"))) in _ABORTS else Ending.FAILURE
+    return Ending.UNEXPECTED if values.get("impact_verdict") == Verdict.UNEXPECTED.name.lower() else Ending.SUCCESS
 
 
 def _outcome(entry: LogEntry, being_written: bool, success: bool | None, values: Mapping[str, Any]) -> str:
-    if being_written:
-        return "being written"
-    if entry.condition is LogCondition.FOREIGN:
-        return "not a log of rtstack"
+    if being_written or entry.condition is LogCondition.FOREIGN:
+        return "being written" if being_written else "not a log of rtstack"
     if success is None and entry.condition is LogCondition.TRUNCATED:
         return "cut off: rtstack recover gives back the rest"
     if success is None:
         return "planned" if _is_plan(entry) else "no result"
     if not success:
         return f"failed: {values.get('failure_reason') or 'no reason given'}"
-    if _ending(success, values.get("impact_verdict")) is Ending.UNEXPECTED:
+    if _ending(success, values) is Ending.UNEXPECTED:
         kind = values.get("impact_kind")
         return f"the object was held, the impact was not as meant{f': probably {kind}' if kind else ''}"
     return "success"

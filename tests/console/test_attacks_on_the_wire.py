@@ -146,7 +146,8 @@ def test_a_log_is_a_file_of_the_folder_with_a_name_that_harms_no_header(served):
         rows = client.get("/api/logs").raise_for_status().json()
         assert {row["name"] for row in rows} == {*odd, "inner.mcap"}
         for row in rows:
-            assert (row["outcome"], row["recording"], row["name"] in row["id"]) == ("not a log of rtstack", False, False)
+            assert (row["outcome"], row["recording"]) == ("not a log of rtstack", False)
+            assert row["name"] not in row["id"]
             answer = client.get(f"/api/logs/{row['id']}/download")
             assert (answer.status_code, answer.content) == (200, b"x"), row["name"]
             assert "set-cookie" not in answer.headers

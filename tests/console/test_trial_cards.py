@@ -138,3 +138,28 @@ def test_means_are_by_controller_and_shift_with_students_interval():
     assert (first.points[1].mean, first.points[1].low) == (30.0, None)
     assert first.whole.mean == pytest.approx(20.5)  # each shift counts alike
     assert (second.controller, second.whole.mean, second.whole.low) == ("b", 20.0, None)
+
+
+@pytest.mark.parametrize(
+    ("reason", "aborted"),
+    [
+        ("stop requested by the operator: STOP of anna", True), ("the operator has gone: no sign for 4.88 s", True),
+        ("the robot left torque control: right arm in reflex: joint_reflex", True),
+        ("the tick takes longer than its period: 1.2 ms", True), ("the log is not being written", True),
+        ("the object was not held until release", False), ("no impact was detected", False),
+        ("safety stop: left arm: the end effector is too fast", False), ("the QP was not solved: left arm", False),
+    ],
+)  # fmt: skip
+def test_what_an_operator_a_watchdog_or_a_robot_ended_counts_against_no_controller(trials, reason, aborted):
+    client, entries, served = trials
+    path = entries["ref"].path.with_name("ended.mcap")
+    about = {"kind": "trial", "controller": "proposed", "object": "rice_box"}
+    write_log(path, about, {"success": "false", "failure_reason": reason, "average_force_norm": "99.0"})
+    row = next(row for row in client.get("/api/logs").json() if row["name"] == path.name)
+    assert (row["ending"], row["outcome"]) == ("aborted" if aborted else "failure", f"failed: {reason}")
+    order = TrialOrder(entries["ref"].id, object="rice_box")
+    logs = (entries["trial0"].id, entries["trial1"].id, row["id"])
+    served.parts.queue._entries = [Entry(str(k) * 16, order, "ref", log=log) for k, log in enumerate(logs)]
+    (line,) = client.get("/api/trials/means", params={"measure": "success"}).raise_for_status().json()
+    assert (line["successes"], line["trials"], line["aborted"]) == (2, 2 if aborted else 3, int(aborted))
+    path.unlink()

@@ -3,7 +3,7 @@
 
 import { get } from "./api.js";
 import { showError } from "./errors.js";
-import { number, plain, shift, size, when } from "./formats.js";
+import { named, number, plain, shift, size, when } from "./formats.js";
 import { save } from "./review/saving.js";
 import { RowWindow } from "./row_window.js";
 
@@ -40,9 +40,15 @@ function opener(row, log) {
   place.title = log.name;
 }
 
+// How it ended, in a line. What an operator, a watchdog or a robot ended has not failed.
+export function endOf({ ending, outcome }) {
+  if (ending === "unexpected impact") return ending;
+  return named(ending === "aborted" ? outcome.replace(/^failed/, ending) : outcome);
+}
+
 // How it ended: the word is coloured, the reason stands behind it.
 function outcome(row, log) {
-  const element = cell(row, log.ending === "unexpected impact" ? log.ending : log.outcome, "outcome");
+  const element = cell(row, endOf(log), "outcome");
   element.dataset.ending = log.ending;
   element.title = log.outcome;
   if (log.episode_verdict) {
@@ -150,6 +156,7 @@ export class LogTable {
     this.key = "when";
     this.descending = true;
     this.rows = [];
+    this.searching = false;
     this.shown = "";
     this.asked = 0;
     for (const button of table.tHead.querySelectorAll("button")) {
@@ -203,13 +210,20 @@ export class LogTable {
     this.refresh();
   }
 
-  show(searching) {
-    this.empty.hidden = this.rows.length > 0;
+  // The rows in their order; a page may have others than logs.
+  listed() {
+    return this.rows;
+  }
+
+  show(searching = this.searching) {
+    this.searching = searching;
+    const rows = this.listed();
+    this.empty.hidden = rows.length > 0;
     this.empty.textContent = searching ? NO_MATCH : this.nothing;
-    const shown = JSON.stringify(this.rows);
+    const shown = JSON.stringify(rows);
     if (shown === this.shown) return; // nothing new: what has the focus keeps it
     this.shown = shown;
-    this.window.show(this.rows);
+    this.window.show(rows);
     this.onRows();
     this.count.textContent = this.rows.length === 1 ? "1 log" : `${this.rows.length} logs, ${size(this.rows.reduce((sum, log) => sum + log.size_bytes, 0))}`;
   }

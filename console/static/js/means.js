@@ -62,9 +62,10 @@ export class Means {
       mark.className = "mark";
       mark.style.setProperty("--mark", token(COLOURS[index % COLOURS.length]));
       name.append(mark, `${plain(line.controller)}, ${plain(line.object)}`);
-      const successes = cell(row, `${line.successes} of ${line.trials}`, "number");
+      const aborted = line.aborted ? `, ${line.aborted} aborted` : "";
+      const successes = cell(row, `${line.successes} of ${line.trials}${aborted}`, "number");
       if (line.unexpected) successes.dataset.ending = "unexpected impact";
-      successes.title = line.unexpected ? `${line.unexpected} of them with an unexpected impact` : "";
+      successes.title = [line.unexpected && `${line.unexpected} of them with an unexpected impact`, aborted && "aborted by STOP, an operator, a watchdog or a robot: they count against no controller"].filter(Boolean).join("; ");
       cell(row, interval(line.whole, text), "number").title = line.whole.low === null ? "An interval needs two trials at each shift at least" : `${line.whole.n} trials`;
     });
     this.draw();

@@ -3,8 +3,6 @@
 import { get, post } from "./api.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
-import { number, plain, shift } from "./formats.js";
-import { cell, link, openRows } from "./log_table.js";
 import { LOOKS } from "./scope.js";
 
 const PERIOD_MS = 1000;
@@ -29,11 +27,9 @@ function allow(button, why, what) {
 }
 
 export class Queue {
-  // onEntries is given the entries whenever there are other ones, or something has become of one.
+  // onEntries is given the entries, and whether this page has control, whenever there are other ones, or something has become of one.
   constructor(live, onEntries) {
-    this.body = $("queue").tBodies[0];
     this.onEntries = onEntries;
-    openRows(this.body);
     this.queue = null;
     this.view = null;
     this.shown = "";
@@ -78,33 +74,21 @@ export class Queue {
   }
 
   show(queue) {
+    if (queue.running && !this.queue?.running) $("add").open = false; // the table and what runs have the room
     this.queue = queue;
     const state = $("queue-state");
     state.dataset.running = String(queue.running);
     write(state, queue.running ? `runs for ${queue.operator}` : "paused");
-    write($("queue-reason"), queue.reason === null ? "" : `${queue.reason}.`);
+    write($("queue-reason"), queue.reason === null ? "" : `${queue.reason[0].toUpperCase()}${queue.reason.slice(1)}.`);
     const ended = queue.entries.filter((entry) => FINAL.has(entry.state)).length;
     $("queue-progress").value = queue.entries.length ? ended / queue.entries.length : 0;
     const left = ended < queue.entries.length ? `, ${timeLeft(queue.time_left_s)}` : "";
     write($("queue-left"), queue.entries.length ? `${ended} of ${queue.entries.length}${left}` : "");
-    $("queue-empty").hidden = queue.entries.length > 0;
     this.showButtons();
     const shown = JSON.stringify([queue.entries, this.mine()]);
     if (shown === this.shown) return; // what has the focus keeps it
     this.shown = shown;
-    this.onEntries(queue.entries);
-    const focused = document.activeElement;
-    const [id, what] = [focused?.closest("#queue tr")?.dataset.id, focused?.getAttribute("aria-label")];
-    this.body.replaceChildren();
-    const waiting = queue.entries.filter((entry) => entry.state === "waiting");
-    for (const entry of queue.entries) this.addRow(entry, waiting.indexOf(entry), waiting.length);
-    if (id) this.focus(id, what);
-  }
-
-  // Who moves an entry by keys goes on with it, at its new place.
-  focus(id, what) {
-    const buttons = [...this.body.querySelectorAll(`tr[data-id="${id}"] button:enabled`)];
-    (buttons.find((button) => button.getAttribute("aria-label") === what) ?? buttons[0])?.focus();
+    this.onEntries(queue.entries, this.mine());
   }
 
   mine() {
@@ -121,49 +105,9 @@ export class Queue {
     allow($("queue-start"), running ? "It runs" : waits ? why : "Nothing waits", "One trial after the other, until something fails");
     allow($("queue-pause"), LOOKS ?? (running ? null : "It is paused"), "Start nothing more; the trial that runs goes on to its end");
     allow($("queue-cancel"), LOOKS ?? (entries.some((entry) => entry.state === "running") ? null : "No trial of the queue runs"), "Stop the trial that runs, the same as STOP");
-    allow($("clear-finished"), lease ?? (entries.some((entry) => FINAL.has(entry.state)) ? null : "Nothing is finished"), "Their logs stay");
-    allow($("clear-all"), lease ?? (entries.length ? null : "It is empty"), "Everything but what runs; logs stay");
+    allow($("clear-finished"), lease ?? (entries.some((entry) => FINAL.has(entry.state)) ? null : "Nothing is finished"), "Take what has ended off the queue: logs stay, means begin anew");
+    allow($("clear-all"), lease ?? (entries.length ? null : "It is empty"), "Take all but what runs off the queue; logs stay");
     $("past-failures").disabled = running;
     if (running) $("past-failures").checked = this.queue.past_failures;
-  }
-
-  addRow(entry, place, waiting) {
-    const row = this.body.insertRow();
-    row.dataset.id = entry.id;
-    const word = entry.ending === "unexpected impact" ? `${entry.state}, ${entry.ending}` : entry.state;
-    const state = cell(row, entry.reason ? `${word}: ${entry.reason}` : word, "state");
-    state.dataset.state = entry.state;
-    if (entry.ending !== null) state.dataset.ending = entry.ending;
-    if (entry.log !== null) row.dataset.address = `/logs/${entry.log}`;
-    state.title = state.textContent;
-    const { trial } = entry;
-    const many = entry.repetitions > 1 ? `, ${entry.repetition} of ${entry.repetitions}` : "";
-    const followed = cell(row, `${entry.followed}${many}`);
-    followed.title = followed.textContent;
-    const besides = [trial.reaction === "continue" ? null : trial.reaction, trial.law_inertia && `law with ${trial.law_inertia}`];
-    cell(row, [plain(trial.controller), ...besides].filter(Boolean).join(", "));
-    cell(row, plain(trial.object));
-    cell(row, shift(trial), "number");
-    cell(row, plain(trial.seed), "number");
-    const took = entry.duration_s === null ? "" : `${number(entry.duration_s, 1)} s`;
-    const log = row.insertCell();
-    log.append(entry.log === null ? took : link(`/logs/${entry.log}`, took ? `open, ${took}` : "open", "Open its log; how long it took"));
-    const order = cell(row, "", "order");
-    const lease = this.mine() ? null : "Take control first";
-    const button = (text, what, why, act) => {
-      const element = document.createElement("button");
-      element.type = "button";
-      element.textContent = text;
-      element.setAttribute("aria-label", what);
-      allow(element, lease ?? why, what);
-      element.addEventListener("click", act);
-      order.append(element, " ");
-    };
-    if (place >= 0) {
-      button("\u2191", "Earlier", place > 0 ? null : "It is the next", () => this.change(`${entry.id}/move`, { to: place - 1 }));
-      button("\u2193", "Later", place < waiting - 1 ? null : "It is the last", () => this.change(`${entry.id}/move`, { to: place + 1 }));
-      button("cancel", "Cancel this trial", null, () => this.change(`${entry.id}/cancel`));
-    }
-    if (entry.state !== "running") button("remove", "Take it off the list; its log stays", null, () => this.change(`${entry.id}/remove`));
   }
 }

@@ -5,7 +5,7 @@ import { showError } from "./errors.js";
 import { plain, when } from "./formats.js";
 
 // Of today: the time is enough to tell recordings apart.
-function shortWhen(seconds) {
+export function shortWhen(seconds) {
   const [day, time] = when(seconds).split(" ");
   return day === when(Date.now() / 1000).split(" ")[0] ? time : `${day} ${time.slice(0, 5)}`;
 }

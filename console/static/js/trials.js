@@ -4,14 +4,16 @@ import { Control } from "./control.js";
 import { startFrame } from "./frame.js";
 import { startJobLine } from "./job_line.js";
 import { showWhy } from "./jobs.js";
-import { LogTable } from "./log_table.js";
 import { Means } from "./means.js";
 import { remember } from "./memory.js";
+import { startMenus } from "./menus.js";
 import { Queue } from "./queue.js";
 import { References } from "./references.js";
+import { Remarks } from "./remarks.js";
 import { startStrips } from "./strips.js";
 import { SweepForm } from "./sweep_form.js";
 import { startTabs } from "./tabs.js";
+import { TrialTable } from "./trial_table.js";
 
 const $ = (id) => document.getElementById(id);
 const live = startFrame();
@@ -26,16 +28,20 @@ const references = new References(form, boxes, (object) => {
   sweep.changed();
 });
 const means = new Means();
-const queue = new Queue(live, (entries) => {
+const queue = new Queue(live, (entries, mine) => {
   means.follow(entries);
+  trials.follow(entries, mine);
   sweep.changed(); // the room that is left
 });
-const results = new LogTable($("logs"), () => ({ q: $("filter").value.trim(), outcome: $("outcome").value }), { always: { kind: "trial" }, why: $("filter-why") });
-for (const id of ["filter", "outcome"]) $(id).addEventListener("input", () => results.refresh());
-$("table-csv").addEventListener("click", () => results.saveCsv("trials.csv"));
+const remarks = new Remarks(() => trials.refresh());
+const asked = () => ({ q: $("filter").value.trim(), outcome: $("outcome").value });
+const trials = new TrialTable($("logs"), asked, $("filter-why"), (path, body) => queue.change(path, body), (log) => remarks.ask([log]));
+for (const id of ["filter", "outcome"]) $(id).addEventListener("input", () => trials.search());
+$("table-csv").addEventListener("click", () => trials.saveCsv("trials.csv"));
+startMenus();
 references.refresh().then(() => sweep.measure());
 startJobLine(live, () => {
-  results.refresh();
+  trials.refresh();
   references.refresh();
   queue.refresh();
 });
