@@ -66,7 +66,7 @@ def test_a_fault_has_its_cause_at_once_and_recover_beside_it(stage, page):
 def test_the_second_press_of_a_double_one_does_not_arm(stage, page):
     box = page.locator("#take").bounding_box()
     page.click("#take")
-    page.wait_for_function("document.querySelector('#arm').dataset.away === 'false'", polling=10)
+    expect(page.locator("#arm")).to_have_attribute("data-away", "false")
     page.mouse.click(box["x"] + 20, box["y"] + 10)
     page.wait_for_timeout(500)
     assert stage.served.job_manager.authority.view().phase == "disarmed"

@@ -242,3 +242,26 @@ def test_a_gamepads_mapping_is_shown_as_it_is_pressed_with_its_rotation(console)
     expect(stick).to_contain_text("left hand tips over")
     page.evaluate("delete navigator.getGamepads")
     expect(page.locator("#gamepad")).to_be_hidden()
+
+
+APART = """() => {
+  const boxes = [...document.querySelectorAll('.newtons')].filter((each) => each.style.visibility === 'visible')
+    .map((each) => [each.textContent, each.getBoundingClientRect()]);
+  const over = ([, a], [, b]) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  return [boxes.map(([text]) => text), boxes.some((one, k) => boxes.slice(k + 1).some((other) => over(one, other)))];
+}"""
+
+
+def test_forces_are_written_above_a_coarse_picture_and_apart(console):
+    page = console.page
+    console.record()
+    page.click("#tab-trial")
+    in_scene(page, "window.__viserSceneTree?.getState()['/hit/left/newtons']?.message.props.text")
+    for _ in range(50):
+        texts, crossing = page.evaluate(APART)
+        if texts:
+            break
+        page.wait_for_timeout(200)
+    assert all(text.endswith(" N") for text in texts)
+    assert len([text for text in texts if text.startswith("at most")]) == 2
+    assert not crossing

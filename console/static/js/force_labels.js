@@ -1,7 +1,7 @@
 // The newtons of the scene's arrows in the light drawing: its canvas is too coarse for letters while something moves, so
 // they are written above the frame, and apart from each other.
 
-const EACH_MS = 50;
+const EACH_MS = 100;
 const APART_PX = 2;
 
 // m: of a matrix the 16 elements by column.
@@ -9,43 +9,46 @@ const times = (m, [x, y, z, w]) => [0, 1, 2, 3].map((row) => m[row] * x + m[row 
 
 // frame: with the scene's page; light: returns whether it is drawn lightly; turned: a vector of the world in the scene's axes.
 export function startForceLabels(frame, light, turned) {
-  const written = new Map(); // by the path of each label
+  const written = new Map(); // by the path of each node: {label, width, height, style}
 
-  const show = (path, { effectiveVisibility, message }, position, { camera, root, width, height }) => {
-    const { props } = message;
-    props.font_screen_scale = 0.001; // from its next text on it is not drawn by the scene itself
-    const label = written.get(path) ?? frame.parentElement.appendChild(document.createElement("span"));
-    written.set(path, label);
-    label.className = "newtons";
-    label.dataset.anchor = props.anchor;
-    if (label.textContent !== props.text) label.textContent = props.text;
-    const [x, y, , w] = times(camera.projectionMatrix.elements, times(camera.matrixWorldInverse.elements, [...turned(root, position), 1]));
-    const at = [((x / w + 1) / 2) * width, ((1 - y / w) / 2) * height];
-    label.hidden = !effectiveVisibility || w <= 0 || at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
-    label.style.left = `${frame.offsetLeft + at[0]}px`;
-    label.style.top = `${frame.offsetTop + at[1]}px`;
-    label.style.marginTop = "0";
+  const label = (path, text) => {
+    const known = written.get(path) ?? { label: frame.parentElement.appendChild(document.createElement("span")) };
+    written.set(path, known);
+    if (known.label.textContent === text) return known;
+    known.label.className = "newtons";
+    known.label.textContent = text;
+    return Object.assign(known, { width: known.label.offsetWidth, height: known.label.offsetHeight }); // measured once for a text
   };
 
-  const part = () => {
-    const boxes = [];
-    const seen = [...written.values()].filter((label) => !label.hidden);
-    for (const label of seen.sort((a, b) => a.getBoundingClientRect().top - b.getBoundingClientRect().top)) {
-      const { left, right, top, bottom } = label.getBoundingClientRect();
-      const over = boxes.filter((box) => left < box.right && box.left < right).map((box) => box.bottom + APART_PX);
-      const down = Math.max(0, ...over.map((edge) => edge - top));
-      label.style.marginTop = `${down}px`;
-      boxes.push({ left, right, bottom: bottom + down });
-    }
+  // Where a label is in the frame: left and top, px; null where it is not seen.
+  const place = ({ width, height }, anchor, point, { projectionMatrix, matrixWorldInverse }) => {
+    const [x, y, , w] = times(projectionMatrix.elements, times(matrixWorldInverse.elements, [...point, 1]));
+    const [across, down] = [((x / w + 1) / 2) * frame.clientWidth, ((1 - y / w) / 2) * frame.clientHeight];
+    if (w <= 0 || across < 0 || down < 0 || across > frame.clientWidth || down > frame.clientHeight) return null;
+    return { left: across - width / 2, top: down - (anchor === "bottom-center" ? height : 0) };
   };
 
   setInterval(() => {
     const { __viserMutable: scene, __viserSceneTree: tree } = frame.contentWindow ?? {};
-    const nodes = light() && !document.hidden ? tree?.getState() ?? {} : {};
-    const found = Object.keys(nodes).filter((path) => path.endsWith("/newtons") && scene?.camera && scene.nodePoseData[path]);
-    for (const [path, label] of written) if (!found.includes(path)) written.delete(path) && label.remove();
-    const view = { camera: scene?.camera, root: nodes[""]?.wxyz, width: frame.clientWidth, height: frame.clientHeight };
-    for (const path of found) show(path, nodes[path], scene.nodePoseData[path].position, view);
-    part();
+    const nodes = scene?.camera && light() && !document.hidden ? tree?.getState() ?? {} : {};
+    const seen = [];
+    for (const [path, { message, effectiveVisibility }] of Object.entries(nodes)) {
+      const position = path.endsWith("/newtons") && scene.nodePoseData[path]?.position;
+      if (!position || !effectiveVisibility || !message.props.text) continue;
+      message.props.font_screen_scale = 0.001; // from its next text on it is not drawn by the scene itself
+      const known = label(path, message.props.text);
+      const at = place(known, message.props.anchor, turned(nodes[""].wxyz, position), scene.camera);
+      if (at) seen.push({ ...at, path, known });
+    }
+    const boxes = [];
+    for (const each of seen.sort((one, other) => one.top - other.top)) {
+      const { width, height } = each.known;
+      const over = boxes.filter((box) => each.left < box.left + box.known.width && box.left < each.left + width);
+      each.top = Math.max(each.top, ...over.map((box) => box.top + height + APART_PX));
+      boxes.push(each);
+      const translate = `${Math.round(frame.offsetLeft + each.left)}px ${Math.round(frame.offsetTop + each.top)}px`;
+      if (each.known.label.style.translate !== translate) each.known.label.style.translate = translate;
+    }
+    for (const [path, { label: shown }] of written) shown.style.visibility = boxes.some((each) => each.path === path) ? "visible" : "hidden";
   }, EACH_MS);
 }

@@ -7,7 +7,7 @@ import { isTextField } from "./stop.js";
 
 const BEAT_MS = 50;
 const RETRY_MS = 1000;
-const THERE_MS = 600; // after the request is where it is led to: the filtered command comes after it
+const THERE_MS = 400; // after the request is where it is led to: the filtered command comes after it
 const LONGEST_MS = 15_000; // of a way back
 
 export class Hand {
