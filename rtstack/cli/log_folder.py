@@ -43,6 +43,8 @@ def logs_list(
     from rtstack.log_folder.catalogue import Catalogue
     from rtstack.log_folder.log_rows import log_row
 
+    if meant := next((word for word in words or [] if "/" in word and Path(word).is_dir()), None):
+        raise LogError(f"{meant} is a folder, and words are searched for: use --logs {meant}")
     pairs = [(entry, log_row(entry, None)) for entry in Catalogue(folder).entries()]
     query = " ".join(words or [])
     try:

@@ -158,6 +158,10 @@ def test_logs_are_listed_shown_and_compared(trial, demonstration, tmp_path, comm
     assert "trial.mcap" in listed
     assert "expected" in listed
     assert "no log matches" in command_line("logs", "list", "nothing-like-it", cwd=tmp_path).stdout
+    (tmp_path / "run" / "logs").mkdir(parents=True)
+    meant = command_line("logs", "list", "run/logs", cwd=tmp_path)
+    line = "rtstack: run/logs is a folder, and words are searched for: use --logs run/logs\n"
+    assert (meant.returncode, meant.stderr) == (2, line)
     shown = json.loads(command_line("logs", "show", "logs/trial.mcap", "--json", cwd=tmp_path).stdout)
     assert shown["settings"]["trial.specification.displacement_mm"] == "-30.0"
     assert shown["topics"]["/left/arm"] == len(read_log(trial).topic("/left/arm"))
