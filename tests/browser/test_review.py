@@ -331,7 +331,7 @@ def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(pa
     expect(difference).to_be_hidden()
     chip.click()
     expect(difference).to_contain_text("second.mcap")
-    expect(difference.locator("tbody tr").first).to_have_text(re.compile("controller.*proposed.*no_interim"))
+    expect(difference.locator("tbody tr").first).to_have_text(re.compile("controller.*proposed.*no interim"))
     page.keyboard.press("Escape")
     expect(difference).to_be_hidden()
     page.click("#overlays button")

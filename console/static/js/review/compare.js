@@ -9,6 +9,7 @@ import { MOST_OTHERS } from "./view.js";
 
 const HALF_SAMPLE_S = 0.0005;
 const NOT_SET = "not set";
+const NAME = /^[a-z]+(_[a-z]+)*$/; // and no file, number or commit
 // of a row of the list of logs: what tells two apart, as it is written
 const TELLING = {
   kind: plain, object: plain, controller: plain, displacement_mm: (mm) => `${mm > 0 ? "+" : ""}${mm} mm`, displacement_x_mm: (mm) => `x ${mm} mm`,
@@ -173,9 +174,10 @@ export class Compare {
       const table = document.createElement("table");
       const [head, body] = [table.createTHead().insertRow(), table.createTBody()];
       head.append(...["Set differently", "this log", "the other"].map((text) => Object.assign(document.createElement("th"), { scope: "col", textContent: text })));
-      for (const { key, this: own, other } of rows) {
+      const texts = rows.map(({ key, this: own, other }) => [key.replace(/^trial\.(specification\.)?/, ""), own ?? NOT_SET, other ?? NOT_SET]);
+      for (const cells of new Map(texts.map((cells) => [cells.join(), cells])).values()) { // some stand twice in a log
         const row = body.insertRow();
-        for (const text of [key.replace(/^(trial\.)?specification\./, "").replace("trial.", ""), own ?? NOT_SET, other ?? NOT_SET]) row.insertCell().textContent = text;
+        for (const text of cells) row.insertCell().textContent = NAME.test(text) ? plain(text) : text;
       }
       table.tabIndex = -1;
       place.append(table);
