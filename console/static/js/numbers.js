@@ -92,7 +92,7 @@ const sentences = new WeakMap(); // by field
 
 // loud: also while it can still become a number. Returns whether it is one.
 function check(field, loud) {
-  const { refusal = "" } = read(field);
+  const { refusal = "", value = NaN } = read(field);
   const shown = refusal !== "" && (loud || !/^\s*[+-]?\s*$/.test(tidied(field.value)));
   let sentence = sentences.get(field);
   if (!sentence && shown) {
@@ -107,6 +107,7 @@ function check(field, loud) {
   }
   field.setCustomValidity(refusal);
   field.setAttribute("aria-invalid", String(shown));
+  if (field.role === "spinbutton") field.ariaValueNow = Number.isNaN(value) ? null : value;
   if (sentence && sentence.textContent !== refusal) sentence.textContent = refusal;
   if (sentence) sentence.hidden = !shown;
   return refusal === "";
