@@ -207,7 +207,7 @@ def figure(
     others: Annotated[str, Query(max_length=1024, description="ID:OFFSET of other logs, with commas between")] = "",
     reference: bool = False, difference: bool = False,
 ) -> Response:  # fmt: skip
-    """Draw signals in a window as a figure in the papers' style, up to four other logs over them, or their difference.
+    """Draw signals in a window as a figure in the papers' style, up to five other logs over them, or their difference.
 
     reference: with what the signals are to follow. offset: what is added to another log's time, s.
     """

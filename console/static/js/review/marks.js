@@ -36,7 +36,8 @@ export class Marks {
   show() {
     const least = LEVELS.indexOf(this.level.value);
     const events = this.log.marks.filter(({ level }) => level === "NOTE" || LEVELS.indexOf(level) >= least);
-    this.shown = events.slice(0, MOST);
+    let rows = 0;
+    this.shown = events.filter(({ note }) => note || rows++ < MOST);
     this.list.replaceChildren(...this.shown.map((event) => this.row(event)));
     const count = document.getElementById("event-count");
     count.textContent = events.length > MOST ? `first ${MOST} of ${events.length}` : `${events.length}`;

@@ -113,10 +113,12 @@ async function start() {
     const addresses = { csv: ["csv", { ...table, ...(first && { other: first.log.id, offset: first.offset }) }] };
     for (const form of ["pdf", "svg", "png"]) addresses[form] = ["figure", { ...drawn, form }];
     for (const [id, [what, query]] of Object.entries(addresses)) {
-      const absent = none || (view.across !== null && id !== "csv"); // figures are drawn over time
-      element(id).ariaDisabled = absent;
-      if (absent) element(id).removeAttribute("href");
-      else element(id).href = `/api/logs/${log.id}/${what}?${new URLSearchParams(query)}`;
+      const [item, overTime] = [element(id), view.across !== null && id !== "csv"];
+      item.dataset.title ??= item.title;
+      item.title = overTime ? "A figure is drawn over time: choose time in Across" : item.dataset.title;
+      item.ariaDisabled = none || overTime;
+      if (none || overTime) item.removeAttribute("href");
+      else item.href = `/api/logs/${log.id}/${what}?${new URLSearchParams(query)}`;
     }
   };
   view.on("window", link);

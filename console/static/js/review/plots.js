@@ -41,7 +41,7 @@ export class Plots {
     new ResizeObserver(() => this.refresh()).observe(document.getElementById("plots"));
     new MutationObserver(() => this.draw()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
     const timeAt = (px) => view.from + ((px - MARGIN.left) / this.width) * (view.to - view.from);
-    new Pointer(view, this.area, (px, event) => (view.across ? nearestTime(this.chart, this.area, event) ?? view.t : timeAt(px)), () => !view.across);
+    new Pointer(view, this.area, (px, event) => (this.drawn?.across ? nearestTime(this.chart, this.area, event) ?? view.t : timeAt(px)), () => !this.drawn?.across);
   }
 
   // Signals that are known once the log has been read.
