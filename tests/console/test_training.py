@@ -12,6 +12,7 @@ from console.live.remedies import remedy_of
 from console.training.trainer import EARLIEST_S, EXERCISES, LATEST_S, SURPRISE, Action, Trainer
 from rtstack.live.idle import IdleView
 from rtstack.live.protocol import JobState
+from rtstack.references.acceptance import AcceptanceState, load_acceptance
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Level, Mode
 from sim_robot.faults.file import faults_in, refuse_link_faults
 from tests.support.console.client import arm, wait_for
@@ -108,6 +109,16 @@ def test_a_stop_before_anything_is_wrong_is_too_early_and_a_good_demonstration_i
         assert (view["right"], view["did"]) == (True, None)
         action = next(exercise.action for exercise in EXERCISES if exercise.name == "tracker_lost")
         assert action is Action.GO_ON
+
+
+def test_the_log_of_an_exercise_is_no_example_to_be_decided_about(served):
+    with served.signed_in() as (client, headers):
+        exercise = Running(served, client, headers, "object_lost")
+        wait_for(lambda: served.parts.watch.view.status.job.log == "x.mcap")
+        exercise.say("anna pressed STOP")
+        exercise.over()
+    acceptance = load_acceptance(served.logs / "x.mcap")
+    assert (acceptance.verdict, acceptance.note) == (AcceptanceState.REJECTED, "training")
 
 
 def test_an_exercise_is_not_over_because_the_watch_still_shows_the_job_before(served):
