@@ -3,6 +3,7 @@
 import { get, post, remove } from "./api.js";
 import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
+import { named } from "./formats.js";
 import { numberOf } from "./numbers.js";
 
 const LOOK_MS = 500;
@@ -46,7 +47,7 @@ export function startCalibration(form) {
   const makeRow = ({ name, what, asked }) => {
     const line = document.createElement("tr");
     const [words, , buttons] = ["td", "td", "td"].map((kind) => line.appendChild(document.createElement(kind)));
-    words.textContent = `${name}: ${asked}`;
+    words.textContent = `${name.replaceAll("_", " ")}: ${named(asked)}`;
     if (what !== "stand") buttons.append(button("Take", () => does(() => post(`/api/calibration/points/${name}/take`), "Not taken")));
     buttons.append(button("Remove", () => does(() => remove(`/api/calibration/points/${name}`), "Not removed")));
     rows.set(name, line);
