@@ -1,5 +1,7 @@
 """A note at a time of a log: written, changed, removed, brought back, and there after a reload."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -8,6 +10,7 @@ from tests.support.console.review_log import write_log
 from tests.support.console.served_console import serve_console
 
 pytestmark = pytest.mark.browser
+MOST = 500  # events in the list
 ACCENT = """() => {
     const canvas = document.getElementById('overview'), context = canvas.getContext('2d');
     const { width, height } = canvas, { data } = context.getImageData(0, 3, width, 1);
@@ -54,4 +57,16 @@ def test_a_note_is_kept_beside_the_log(browser, tmp_path):
         page.keyboard.press("Escape")
         expect(page.locator("#note-form")).to_be_hidden()
         assert "the pad slips" in (tmp_path / "noted.mcap.notes.json").read_text()
+
+        def crowded(route):
+            document = route.fetch().json()
+            document["events"] = [
+                {"t_s": k / 2e3, "level": "INFO", "name": "tick", "text": str(k)} for k in range(MOST + 100)
+            ]
+            route.fulfill(json=document)
+
+        page.route(re.compile(f"/api/logs/{row['id']}$"), crowded)
+        page.reload()
+        expect(rows).to_have_count(MOST + 1)
+        expect(page.locator("#log-events .level[data-level=NOTE]")).to_have_count(1)
         page.context.close()
