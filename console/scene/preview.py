@@ -122,6 +122,7 @@ class Planner(Preview):
         """Put the newest plan among the logs; return its path. Raises Refused, OSError."""
         with self._lock:
             plan, self._plan = self._plan, b""
+        self.view = PreviewView(False)
         if not plan:
             raise Refused(409, "no plan is left to be used: preview one first")
         path = self._logs / f"{time.strftime('%Y%m%d-%H%M%S')}-plan.mcap"

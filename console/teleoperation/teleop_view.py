@@ -42,8 +42,8 @@ class TeleopView:
     """What a page shows of the input. refusal: why the last request is not followed, None where it is. drags: how many
     of them can be undone. policy: the name of the policy that leads while the clutch is not held, None where none does;
     policies: of those that are connected. dropped: commands that were not applied since the teleoperation began: too
-    old, out of order, made on an old picture, for another reason. picture: what a program has seen by this answer. leading:
-    whether a `lead` has not led what is asked for to its end yet.
+    old, out of order, made on an old picture, for another reason. picture: what a program has seen by this answer.
+    leading: whether a `lead` has not led what is asked for to its end yet.
     """
 
     held: bool
