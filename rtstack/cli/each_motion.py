@@ -18,13 +18,8 @@ from rtstack.experiments.simulation import simulated
 from rtstack.live.parent_watch import watch_parent
 from rtstack.playback.run import prepare_playback
 from rtstack.teleoperation.policy import Chunk, Observation, Policy
+from rtstack.trials import specification as asked
 from rtstack.trials.demonstration import prepare_demonstration
-from rtstack.trials.specification import (
-    DemonstrationSpecification,
-    PlaybackSpecification,
-    TeleoperationSpecification,
-    TrialSpecification,
-)
 from rtstack.trials.teleoperation import RATE_HZ, PreparedPolicy
 from rtstack.trials.trial import prepare_trial
 
@@ -42,15 +37,15 @@ def main() -> None:
     watch_parent(lambda: os._exit(1))
     two, file = int(sys.argv[1]) == 2, default_cell_file()
     cell, file = load_description(file if two else file.with_name("one_arm.toml"))
-    by_hand = TeleoperationSpecification(operator="", object=next(iter(cell.objects)), recorded=True)
+    by_hand = asked.TeleoperationSpecification(operator="", object=next(iter(cell.objects)), recorded=True)
     simulated(PreparedPolicy(by_hand, cell, _Still(), RATE_HZ, Displacement()), "direct", file, None)
     if not two:
         return
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
-        simulated(prepare_demonstration(DemonstrationSpecification(), cell), "direct", file, log)
-        simulated(prepare_trial(TrialSpecification(str(log)), cell), "direct", file, log.with_name("trial.mcap"))
-        simulated(prepare_playback(PlaybackSpecification(str(log)), cell), "direct", file, None)
+        simulated(prepare_demonstration(asked.DemonstrationSpecification(), cell), "direct", file, log)
+        simulated(prepare_trial(asked.TrialSpecification(str(log)), cell), "direct", file, log.with_name("trial.mcap"))
+        simulated(prepare_playback(asked.PlaybackSpecification(str(log)), cell), "direct", file, None)
 
 
 if __name__ == "__main__":

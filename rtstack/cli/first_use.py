@@ -28,7 +28,7 @@ def compile_once(arms: int) -> None:
         return
     before, began_s, shown = _files(folder), time.monotonic(), sys.stderr.isatty()
     if not shown:
-        print("rtstack: compiling, once for this machine: about 40 s", file=sys.stderr, flush=True)
+        print("rtstack: compiling, once for this machine: about 50 s", file=sys.stderr, flush=True)
     with subprocess.Popen(
         [sys.executable, "-m", "rtstack.cli.each_motion", str(arms)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True, start_new_session=True,

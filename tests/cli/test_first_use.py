@@ -9,7 +9,7 @@ import pytest
 from rtstack.cli import first_use
 
 COMPILE = "from rtstack.cli.first_use import compile_once; compile_once(2)"
-SAID = "rtstack: compiling, once for this machine: about 40 s\n"
+SAID = "rtstack: compiling, once for this machine: about 50 s\n"
 
 
 @pytest.fixture
