@@ -105,7 +105,7 @@ def taken_number(client):
 @pytest.mark.parametrize(
     ("order", "status", "says"),
     [
-        ({"log": "0" * 32}, 404, "does not exist"),
+        ({"log": "0" * 32}, 404, "no such log"),
         ({"log": "one", "speed": 0.05}, 422, "speed"),
         ({"log": "one", "speed": 4.5}, 422, "speed"),
         ({"log": "one", "speed": "fast"}, 422, "speed"),
