@@ -59,7 +59,12 @@ def test_a_grab_is_planned_in_a_process_of_its_own_shown_and_becomes_what_a_tria
         made = client.post("/api/plans/reference", json={}, headers=headers)
         assert made.status_code == 201
         (row,) = client.get("/api/logs").json()
-        assert (row["id"], row["kind"], row["object"], row["recording"]) == (made.json()["id"], "plan", "rice_box", True)
+        assert (row["id"], row["kind"], row["object"], row["recording"]) == (
+            made.json()["id"],
+            "plan",
+            "rice_box",
+            True,
+        )
         assert client.post("/api/plans", json=order, headers=headers).status_code == 202
         cancelled = client.request("DELETE", "/api/plans", json={}, headers=headers).json()
         assert (cancelled["running"], cancelled["line"]) == (False, "was cancelled")
