@@ -11,6 +11,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 from numba.core import config
 
+from hal.base.files import locked
 from hal.compilation import cache_folder
 
 _FILES = {1: 120, 2: 184}  # of machine code, by the number of arms: to show how far it is
@@ -26,6 +27,14 @@ def compile_once(arms: int) -> None:
     done = folder / f"complete-{arms}-{_digest()}"
     if done.exists() or config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  # numba sets it at import
         return
+    with locked(folder / "complete.lock"):  # another start may be at it
+        if not done.exists():
+            _compile(arms, folder)
+        with suppress(OSError):  # also after a failure, which would come again
+            done.touch()
+
+
+def _compile(arms: int, folder: Path) -> None:
     before, began_s, shown = _files(folder), time.monotonic(), sys.stderr.isatty()
     if not shown:
         print("rtstack: compiling, once for this machine: about 50 s", file=sys.stderr, flush=True)
@@ -44,8 +53,6 @@ def compile_once(arms: int) -> None:
     if child.returncode:
         why = said.strip().rpartition("\n")[2] or f"exit status {child.returncode}"
         print(f"rtstack: not everything is compiled, the first motion waits for the rest: {why}", file=sys.stderr)
-    with suppress(OSError):  # also after a failure, which would come again
-        done.touch()
 
 
 def _files(folder: Path) -> int:
@@ -56,6 +63,6 @@ def _digest() -> str:
     root = Path(__file__).parents[2]
     digest = hashlib.sha256(repr((root, sys.version, version("numba"), llvm.get_host_cpu_name())).encode())
     for path in sorted(path for name in ("hal", "sim_robot", "rtstack") for path in (root / name).rglob("*.py")):
-        if b"@compiled" in (source := path.read_bytes()):
+        if b"\n@compiled" in (source := path.read_bytes()):
             digest.update(source)
     return digest.hexdigest()[:16]
