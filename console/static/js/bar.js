@@ -11,6 +11,7 @@ const AMBER_S = 0.1;
 const RED_S = 0.5;
 const NEVER_S = 1e5;
 const PREPARED_S = 15; // a preparation without any state for longer is an alarm, too
+const OPENING_MS = 10000; // a page that was just opened has nothing old to warn of
 const REFRESH_MS = 50;
 const TEXT_EVERY = 5; // refreshes: a number that changes 20 times a second cannot be read
 const ROBOT_WORDS = {
@@ -128,6 +129,7 @@ export function startBar(live) {
   let worst = 0;
   let shown = 0;
   setInterval(() => {
+    if (live.receivedMs === null && performance.now() < OPENING_MS) return;
     const oldest = Math.max(...SIDES.map((side) => live.ageOf(side)));
     worst = Math.max(worst, oldest);
     // a cell that is opened anew says nothing meanwhile, and nothing moves: no alarm
