@@ -89,27 +89,27 @@ def preview(parts: NeedsParts) -> PreviewView:
     return parts.preview.view
 
 
-@router.post("/plans", status_code=202, dependencies=[_TWO_ARMS])
+@router.post("/planned", status_code=202, dependencies=[_TWO_ARMS])
 def plan(order: PlanOrder, session: NeedsSession, parts: NeedsParts) -> PreviewView:
     """Plan a grab without a demonstration, and show it in the scene as a ghost. No arm moves, no control is needed."""
     check_objects(parts, "object", order.object)
     return parts.planner.plan(order)
 
 
-@router.get("/plans")
+@router.get("/planned")
 def planned(parts: NeedsParts) -> PreviewView:
     """Return how far the newest plan is, and what came out."""
     return parts.planner.view
 
 
-@router.delete("/plans")
+@router.delete("/planned")
 def cancel_plan(session: NeedsSession, parts: NeedsParts) -> PreviewView:
     """Give up what is being planned."""
     parts.planner.close()
     return parts.planner.view
 
 
-@router.post("/plans/reference", status_code=201)
+@router.post("/planned/reference", status_code=201)
 def use_plan(session: NeedsSession, parts: NeedsParts) -> dict[str, str]:
     """Put the newest plan among the logs, as what a trial may follow; return its id."""
     path = parts.planner.keep()

@@ -45,18 +45,18 @@ def test_a_trial_is_simulated_in_a_process_of_its_own_and_shown(served, referenc
 def test_a_grab_is_planned_in_a_process_of_its_own_shown_and_becomes_what_a_trial_may_follow(served):
     order = {"object": "rice_box", "speed": 0.3, "height": 0.02, "squeeze": 40.0}
     with served.signed_in() as (client, headers):
-        assert client.post("/api/plans", json=order | {"object": "no_box"}, headers=headers).status_code == 409
-        assert client.post("/api/plans/reference", json={}, headers=headers).status_code == 409  # there is none yet
+        assert client.post("/api/planned", json=order | {"object": "no_box"}, headers=headers).status_code == 409
+        assert client.post("/api/planned/reference", json={}, headers=headers).status_code == 409  # there is none yet
         for asked, success, line in ((order | {"squeeze": 1.0}, False, "squeeze"), (order, True, "is possible")):
-            answer = client.post("/api/plans", json=asked, headers=headers)
+            answer = client.post("/api/planned", json=asked, headers=headers)
             assert (answer.status_code, answer.json()["running"]) == (202, True)
-            wait_for(lambda: not client.get("/api/plans").json()["running"])
-            view = client.get("/api/plans").json()
+            wait_for(lambda: not client.get("/api/planned").json()["running"])
+            view = client.get("/api/planned").json()
             assert (view["success"], line in view["line"]) == (success, True), view
         shown = served.parts.scenes.ghost.view
         assert 0.5 < shown.impact_s < shown.end_s
         assert list(served.logs.glob("*.mcap")) == []  # until it is to be used
-        made = client.post("/api/plans/reference", json={}, headers=headers)
+        made = client.post("/api/planned/reference", json={}, headers=headers)
         assert made.status_code == 201
         (row,) = client.get("/api/logs").json()
         assert (row["id"], row["kind"], row["object"], row["recording"]) == (
@@ -65,10 +65,10 @@ def test_a_grab_is_planned_in_a_process_of_its_own_shown_and_becomes_what_a_tria
             "rice_box",
             True,
         )
-        assert client.post("/api/plans", json=order, headers=headers).status_code == 202
-        cancelled = client.request("DELETE", "/api/plans", json={}, headers=headers).json()
+        assert client.post("/api/planned", json=order, headers=headers).status_code == 202
+        cancelled = client.request("DELETE", "/api/planned", json={}, headers=headers).json()
         assert (cancelled["running"], cancelled["line"]) == (False, "was cancelled")
-        assert client.post("/api/plans/reference", json={}, headers=headers).status_code == 409
+        assert client.post("/api/planned/reference", json={}, headers=headers).status_code == 409
 
 
 def test_the_200_ms_around_the_hit_of_a_trial_are_shown_at_a_twentieth(served, reference):

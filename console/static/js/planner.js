@@ -25,7 +25,7 @@ export function startPlanner(form, used) {
 
   const look = async () => {
     try {
-      show(await get("/api/plans"));
+      show(await get("/api/planned"));
     } catch (error) {
       show({ running: false, success: null, line: "" });
       showError(`The plan is not known: ${error.message}`);
@@ -43,13 +43,13 @@ export function startPlanner(form, used) {
 
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    act(async () => show(await post("/api/plans", bodyOf(form))), "Not planned");
+    act(async () => show(await post("/api/planned", bodyOf(form))), "Not planned");
   });
   form.addEventListener("input", () => ($("plan-use").disabled = true)); // it is of other numbers
-  $("plan-cancel").addEventListener("click", () => act(() => remove("/api/plans"), "Not cancelled"));
+  $("plan-cancel").addEventListener("click", () => act(() => remove("/api/planned"), "Not cancelled"));
   $("plan-use").addEventListener("click", () => {
     $("plan-use").disabled = true;
-    act(async () => used((await post("/api/plans/reference")).id), "The plan was not kept");
+    act(async () => used((await post("/api/planned/reference")).id), "The plan was not kept");
   });
   look();
 }
