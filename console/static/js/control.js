@@ -56,6 +56,7 @@ function step({ status, you, unreachable, request }) {
   }
   const undecided = document.querySelector("#episode-outcome:not([hidden])");
   if (undecided && !undecided.querySelector("[aria-pressed=true]")) return "Say what became of it.";
+  if (document.querySelector("#follow:not([hidden])")) return "Run a trial with it, or record again.";
   const act = [...document.querySelectorAll("main .act")].find((each) => each.checkVisibility());
   return act && !act.disabled ? `Press ${act.textContent.trim()} below.` : "Choose below what to do.";
 }
