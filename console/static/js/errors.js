@@ -2,7 +2,7 @@
 // above the page, which stays in place.
 
 const place = document.getElementById("errors");
-const ANSWERS_S = 0.5; // so new is a view of a console that answers
+const SILENT_MS = 500; // a console without a view for longer was silent
 const STALE = / (is|are) not (up to date|known|shown): the console does not answer/;
 
 // tone: "worst" where the robot goes on although it was stopped; it comes first. about: for `forgetErrors`.
@@ -29,10 +29,13 @@ export function forgetErrors(about) {
   for (const row of place.querySelectorAll(`[data-about="${about}"]`)) row.remove();
 }
 
-// Lists that only a silent console kept old are read again once it answers, as each view of the live state shows.
+// Lists that only a silent console kept old are read again once it answers, as the first view after a silence shows.
 export function startErrors(live) {
+  let lastMs = -Infinity;
   live.onView(() => {
-    if (live.since() > ANSWERS_S) return;
-    for (const row of [...place.children]) if (STALE.test(row.textContent)) row.remove();
+    if (live.receivedMs === lastMs) return; // no new one
+    const silent = live.receivedMs - lastMs > SILENT_MS;
+    lastMs = live.receivedMs;
+    if (silent) for (const row of [...place.children]) if (STALE.test(row.textContent)) row.remove();
   });
 }
