@@ -68,5 +68,6 @@ export function startStop(live) {
     else if (!active) delete button.dataset.state;
     const text = active && view.status.stop_requested ? "STOPPING" : "STOP";
     if (button.textContent !== text) button.textContent = text;
+    button.dataset.word = text; // the longer one is set smaller
   });
 }
