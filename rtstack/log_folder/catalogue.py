@@ -45,6 +45,9 @@ class LogEntry:
     condition: LogCondition
     recorded: str | None = None
 
+    def __hash__(self) -> int:
+        return hash((self.id, self.size_bytes, self.modified_s))
+
 
 class Catalogue:
     """The logs (*.mcap) of one directory, cached in SQLite beside them where it is writable. A link to a file of
@@ -53,6 +56,7 @@ class Catalogue:
     def __init__(self, directory: Path, patience_s: float = 5.0) -> None:
         self.directory = Path(directory)
         self._patience_s = patience_s
+        self._entries: dict[str, LogEntry] = {}  # of the last look, by the file's name
 
     def entries(self) -> tuple[LogEntry, ...]:
         """Return all logs, the newest first, after reading those that are new or have changed.
@@ -65,10 +69,11 @@ class Catalogue:
             raise LogError(f"cannot read {self.directory}: {error.strerror}") from error
         try:
             with contextlib.closing(_open(self.directory / CACHE, self._patience_s)) as cache:
-                entries = _refresh(files, cache)
+                entries = _refresh(files, cache, self._entries)
         except sqlite3.Error:  # a directory that is not writable, or a cache that another process holds
             with contextlib.closing(_prepared(":memory:")) as cache:
-                entries = _refresh(files, cache)
+                entries = _refresh(files, cache, self._entries)
+        self._entries = {entry.path.name: entry for entry in entries}
         return tuple(sorted(entries, key=lambda entry: entry.modified_s, reverse=True))
 
     def entry(self, log_id: str) -> LogEntry:
@@ -88,7 +93,7 @@ class Catalogue:
 def entry_of(path: Path) -> LogEntry:
     """Return what a list of logs would know of a file. Raises OSError where there is none."""
     with contextlib.closing(_prepared(":memory:")) as cache:
-        return _entry(path, None, cache)
+        return _entry(path, None, None, cache)
 
 
 def _open(path: Path, patience_s: float) -> sqlite3.Connection:
@@ -119,20 +124,22 @@ def _prepared(path: Path | str, patience_s: float = 0.0) -> sqlite3.Connection:
     return cache
 
 
-def _refresh(files: list[Path], cache: sqlite3.Connection) -> list[LogEntry]:
+def _refresh(files: list[Path], cache: sqlite3.Connection, last: Mapping[str, LogEntry]) -> list[LogEntry]:
     known = {row[0]: row[1:] for row in cache.execute("SELECT name, size, modified_ns, entry FROM logs")}
     entries = []
     for path in files:
         with contextlib.suppress(FileNotFoundError):  # removed meanwhile
-            entries.append(_entry(path, known.get(path.name), cache))
+            entries.append(_entry(path, last.get(path.name), known.get(path.name), cache))
     gone = [(name,) for name in known.keys() - {path.name for path in files}]
     cache.executemany("DELETE FROM logs WHERE name = ?", gone)
     cache.commit()
     return entries
 
 
-def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEntry:
+def _entry(path: Path, last: LogEntry | None, known: tuple | None, cache: sqlite3.Connection) -> LogEntry:
     status = path.stat()
+    if last is not None and (last.size_bytes, last.modified_s) == (status.st_size, status.st_mtime_ns * 1e-9):
+        return last
     if known is not None and known[:2] == (status.st_size, status.st_mtime_ns):
         content = json.loads(known[2])
     else:

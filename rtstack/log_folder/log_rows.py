@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any
 
 from rtstack.log.errors import LogError
@@ -19,6 +20,12 @@ BY_HAND = "recording"
 RECORDINGS = ("demonstration", BY_HAND)
 PLAN = "plan"  # of `rtstack plan`: a planned recording
 _ABORTS = OUTSIDE | {End.HARDWARE, End.TICK_OVERRUN, End.TORQUE_NOT_TAKEN}  # no doing of the controller
+
+
+_SHOWN = (
+    "success", "failure_reason", "controller", "object", "seed", "displacement_mm", "displacement_x_mm", "yaw_deg",
+    "max_lift_mm", "average_force_norm", "impact_verdict", "impact_kind", "note",
+)  # fmt: skip
 
 
 class Ending(StrEnum):
@@ -80,10 +87,7 @@ def reference_of(catalogue: Catalogue, log_id: str) -> LogEntry:
 
 def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
     """Return the row of one log; `being_written` names the running job's file."""
-    trial = values_of(entry.trial)
-    asked = trial.get("specification")
-    result = values_of(entry.result)
-    values = {**trial, **(asked if isinstance(asked, dict) else {}), **result}
+    values = _values(entry)
     seed = _number(values.get("seed"))
     success = values.get("success") if isinstance(values.get("success"), bool) else None
     acceptance, remarks = _acceptance(entry), remarks_on(entry)
@@ -98,13 +102,22 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         seed=None if seed is None else int(seed), success=success,
         ending=_ending(success, values),
         outcome=_outcome(entry, entry.path.name == being_written, success, values),
-        verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
+        verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in values else None),
         note=remarks.note or (acceptance.note if acceptance is not None else "") or _text(values.get("note")),
         recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, decision)),
         title=acceptance.name if acceptance is not None else "", decision=None if decision is None else str(decision),
         law_inertia=(entry.trial or {}).get("law_inertia"), starred=remarks.starred, tags=remarks.tags,
         episode_verdict=remarks.verdict,
     )  # fmt: skip
+
+
+@lru_cache(maxsize=20_000)
+def _values(entry: LogEntry) -> dict[str, Any]:
+    """Return what a row shows of a log's metadata. Kept: a log has ten times as many, and a list has thousands."""
+    trial = values_of(entry.trial)
+    asked = trial.get("specification")
+    values = {**trial, **(asked if isinstance(asked, dict) else {}), **values_of(entry.result)}
+    return {key: values[key] for key in _SHOWN if key in values}
 
 
 def remarks_on(entry: LogEntry) -> Remarks:

@@ -11,10 +11,11 @@ import operator
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
+from sys import intern
 from typing import Any
 
 from rtstack.log.writing.job import values_of
@@ -50,6 +51,7 @@ _HEADED = {
     "shift": "displacement_mm", "force": "average_force_norm", "force_norm": "average_force_norm",
     "lift": "max_lift_mm", "size": "size_mb", "date": DATE,
 }  # fmt: skip
+_COLUMNS = tuple(field.name for field in fields(LogRow))
 _SAME = {"verdict": ("verdict", "episode_verdict"), "tags": ("tag",)}  # keys that one word asks for
 
 
@@ -68,12 +70,12 @@ class Facts:
     def of(cls, entry: LogEntry, row: LogRow) -> "Facts":
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
         pairs: list[tuple[str, Any]] = [("date", when), ("size_mb", row.size_bytes * 1e-6), (DATE, entry.recorded)]
-        pairs += [*(asdict(row) | {"success": success_of(row)}).items(), *(("tag", tag) for tag in row.tags)]
-        for record in (entry.trial, entry.result):
-            pairs += ((key, value) for key, value in (record or {}).items() if key != "success")
-            nested = [value for value in values_of(record).values() if isinstance(value, dict)]
-            pairs += [inner for value in nested for inner in value.items()]
-        return cls(tuple((key.lower(), value) for key, value in pairs if value is not None))
+        shown = {name: getattr(row, name) for name in _COLUMNS} | {"success": success_of(row)}
+        pairs += [*shown.items(), *(("tag", tag) for tag in row.tags)]
+        recorded, own = _recorded(entry), cls(tuple((key, value) for key, value in pairs if value is not None))
+        both = cls(own.pairs + recorded.pairs)
+        both.__dict__.update(texts=own.texts + recorded.texts, numbers=own.numbers + recorded.numbers)
+        return both
 
     @cached_property
     def texts(self) -> tuple[tuple[str, str], ...]:
@@ -89,6 +91,17 @@ class Facts:
             with contextlib.suppress(ValueError):
                 numbers.append((key, _number(key, str(value))))
         return tuple(numbers)
+
+
+@lru_cache(maxsize=20_000)
+def _recorded(entry: LogEntry) -> Facts:
+    """Return what a log's metadata say. Kept, and texts that logs share are kept once: a list has thousands."""
+    pairs: list[tuple[str, Any]] = []
+    for record in (entry.trial, entry.result):
+        pairs += ((key, value) for key, value in (record or {}).items() if key != "success")
+        nested = [value for value in values_of(record).values() if isinstance(value, dict)]
+        pairs += [inner for value in nested for inner in value.items()]
+    return Facts(tuple((intern(key.lower()), intern(str(value))) for key, value in pairs if value is not None))
 
 
 def _number(key: str, text: str) -> float:

@@ -64,7 +64,8 @@ def save_acceptance(recording: Path, acceptance: Acceptance) -> None:
 def load_beside(path: Path, kind: type[T], refused: Callable[[str], Exception], anew: str = "to begin anew") -> T:
     """Return what a small file beside a log says, `kind()` where there is none. Raises `refused` for a broken one."""
     try:
-        return TypeAdapter(kind).validate_json(path.read_bytes())
+        content = path.read_bytes()  # most logs have none
+        return TypeAdapter(kind).validate_json(content)
     except FileNotFoundError:
         return kind()
     except (OSError, ValidationError) as error:
