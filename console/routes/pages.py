@@ -17,7 +17,6 @@ from console.review.logs import entry_of, opened_entry
 from console.routes.recordings import recording_entry
 from console.templates import TEMPLATES, mode_sheet, show, sign_in_page
 from rtstack.palette import MODE_STYLES
-from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Reaction
 from rtstack.teleoperation import reach
 from rtstack.trials.controllers import DEFAULT, controller_names, detector_names
@@ -56,7 +55,7 @@ def operate(request: Request, parts: NeedsParts, token: str = "", code: str = ""
     session = request.state.session
     if session is not None and not (token or code):
         limits = zip(parts.cell.sides, limits_of_arms(parts.cell), strict=True)
-        forces = {side: round(each.force_by_phase[ForcePhase.CONTACT]) for side, each in limits}
+        forces = {side: round(min(each.force_max, each.force_contact_max)) for side, each in limits}
         return show("operate.html", "operate", request, parts, reach=_REACH, force_limits=forces, **_CHOICES)
     if session is None and (token or code) and request.headers.get("sec-fetch-site", "none") in ("none", "same-origin"):
         return _signed_in(request, parts, token, code)
