@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse, Response
 from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
+from starlette.types import Scope
 
 from console.address import Address
 from console.guard import Guard
@@ -25,7 +26,7 @@ from console.routes import (  # isort: skip
 )  # fmt: skip
 from console.routes.description import describe, operation_id
 from console.routes.problems import problems
-from console.templates import error_page, is_page
+from console.templates import KEPT, STATIC, error_page, is_page
 from hal.base.configuration import ConfigurationError
 from rtstack.access.tokens import NoSuchToken, TokensError
 from rtstack.live.client import RobotRefused, RobotUnreachable
@@ -39,6 +40,18 @@ _ROUTES = (
     pages, description, access, live, control, jobs, queue, trials, campaigns, logs, layouts, retention,
     cameras, review, scene, teleoperation, policy, training, recordings, calibration, panels,
 )  # fmt: skip
+
+
+class _Files(StaticFiles):
+    """Style and scripts; below the word of console.templates.static for as long as a browser wants to keep them."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        word, _, kept = path.partition("/")
+        if not word.startswith(KEPT):
+            return await super().get_response(path, scope)
+        answer = await super().get_response(kept, scope)
+        answer.headers["cache-control"] = "public, max-age=31536000, immutable"
+        return answer
 
 
 def create_app(parts: Parts, address: Address) -> FastAPI:
@@ -63,7 +76,7 @@ def create_app(parts: Parts, address: Address) -> FastAPI:
     for module in _ROUTES:
         app.include_router(module.router)
     describe(app)
-    app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
+    app.mount("/static", _Files(directory=STATIC))
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _bad_request)
     app.add_exception_handler(OSError, _no_disk)

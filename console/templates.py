@@ -2,6 +2,7 @@
 
 import re
 from functools import cache
+from hashlib import blake2b
 from http import HTTPStatus
 from math import ceil
 from pathlib import Path, PurePosixPath
@@ -17,8 +18,21 @@ from console.sign_in import UserSession
 from rtstack.live.panel import PANELS
 from rtstack.palette import MODE_STYLES
 
-_FOLDER = Path(__file__).parent / "static" / "js"
+STATIC = Path(__file__).parent / "static"
+_FOLDER = STATIC / "js"
+KEPT = "kept-"  # how the word begins below which files never change
 _IMPORT = re.compile(r"""^import\s[^"';]*["'](\.[^"']+)["'];""", re.MULTILINE)
+
+
+def static() -> str:
+    """Return the address of style and scripts. It changes with their content, so browsers keep what is below it."""
+    return f"/static/{_digest(max(path.stat().st_mtime_ns for path in STATIC.rglob('*.*')))}"
+
+
+@cache
+def _digest(changed_ns: int) -> str:
+    content = blake2b(b"".join(path.read_bytes() for path in sorted(STATIC.rglob("*.*"))), digest_size=6)
+    return f"{KEPT}{content.hexdigest()}"
 
 
 @cache
@@ -33,8 +47,9 @@ def imported(name: str) -> tuple[str, ...]:
 
 def page_script(name: str) -> Markup:
     """Return the tags for a page's script: what it imports is fetched beside it, not after it."""
-    tags = [Markup('<link rel="modulepreload" href="/static/js/{}">').format(path) for path in imported(name)]
-    return Markup("\n  ").join([*tags, Markup('<script type="module" src="/static/js/{}"></script>').format(name)])
+    at = f"{static()}/js"
+    tags = [Markup('<link rel="modulepreload" href="{}/{}">').format(at, path) for path in imported(name)]
+    return Markup("\n  ").join([*tags, Markup('<script type="module" src="{}/{}"></script>').format(at, name)])
 
 
 TEMPLATES = Environment(
@@ -42,6 +57,7 @@ TEMPLATES = Environment(
 )
 TEMPLATES.globals["mode_words"] = {mode.name: style.word for mode, style in MODE_STYLES.items()}
 TEMPLATES.globals["page_script"] = page_script
+TEMPLATES.globals["static"] = static
 TEMPLATES.globals["panel_names"] = PANELS.names
 
 # answers for programs and for the pages' scripts; every other address is a page

@@ -25,6 +25,7 @@ from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.scene.experiment import TrialPlan
 from console.scene.scenes import Detail
 from console.scene.server import SECRET_HEADER, VIEW_HEADER, SceneServer
+from console.templates import static
 from hal.displacement import Displacement
 from rtstack.access.tokens import Scope
 from rtstack.log.errors import LogError
@@ -35,7 +36,6 @@ from rtstack.trials.specification import DisplacementMm, ObjectName, YawDeg
 router = APIRouter(include_in_schema=False)
 
 _PASSED_ON = ("content-type", "content-encoding", "content-length")
-_PACED_HEAD = b'<head><script src="/static/js/scene_pace.js"></script>'  # before viser's own script
 _LONGEST_NAME = 255  # of a file
 _MAX_MESSAGE_BYTES = 1 << 20  # from a page: camera poses and clicks are far smaller
 _FOR_EVERYBODY = frozenset({"ViewerCameraMessage"})
@@ -127,7 +127,8 @@ async def pass_on_page(server: SceneServer, path: str, request: Request) -> Resp
         body = b"".join([part async for part in answer.aiter_raw()])  # as it was packed
         passed_on = {name: answer.headers[name] for name in _PASSED_ON if name in answer.headers}
         if whole:
-            body = body.replace(b"<head>", _PACED_HEAD, 1)
+            pace = f'<head><script src="{static()}/js/scene_pace.js"></script>'  # before viser's own script
+            body = body.replace(b"<head>", pace.encode(), 1)
             passed_on["content-length"] = str(len(body))
         return Response(body, status_code=answer.status_code, headers=passed_on)
 

@@ -1,14 +1,18 @@
 """What trials have come to: the card of one, and the means of the queue's."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 
 from fastapi import APIRouter
 
 from console.parts import NeedsParts
+from console.refused import Refused
+from console.review.logs import opened_entry
 from console.routes.problems import problems
 from console.trials.card import TrialCard, trial_card
+from rtstack.log.errors import LogError
 from rtstack.log_folder.log_rows import Ending, LogRow, log_row
 
 router = APIRouter(prefix="/api", tags=["trials"], responses=problems(500))
@@ -89,6 +93,9 @@ def _mean(place: float | None, groups: Mapping[object, list[float]], measure: Me
 @router.get("/trials/{log_id}/card", responses=problems(404))
 def card(log_id: str, parts: NeedsParts) -> TrialCard:
     """Return a trial's card by its log's id: how it ended, three numbers beside the last ten trials, its impact."""
+    if parts.queue.running() is None:
+        with suppress(Refused, LogError):  # its review is opened next: it is read meanwhile
+            opened_entry(parts.catalogue.entry(log_id), parts.review_cache)
     return trial_card(parts.catalogue, log_id)
 
 

@@ -19,7 +19,7 @@ from tests.support.console.chromium import centre_of_hue
 from tests.support.console.drawn_curves import DRAWN, drawn
 from tests.support.console.served_console import serve_console
 
-_PX = "async t => (await import('/static/js/review/page.js')).plots.chart.x(t)"
+_PX = "async t => (await import(document.querySelector('script[type=module]').src)).plots.chart.x(t)"
 _SHOW = "how => ['bands', 'legends'].forEach((id) => { document.getElementById(id).style.visibility = how; })"
 _REACH_PX = 3
 _ASIDE_PX = 12  # from where the background is taken
@@ -108,7 +108,7 @@ def page(browser, logs):
 
 
 _LEGENDS = """async () => {
-    const { panes } = (await import('/static/js/review/page.js')).plots;
+    const { panes } = (await import(document.querySelector('script[type=module]').src)).plots;
     return [...document.querySelectorAll('.legend')].map((legend, row) =>
         ({top: legend.offsetTop, height: legend.offsetHeight, pane: panes[row].top}));
 }"""

@@ -53,7 +53,7 @@ export class Live {
     this.socket.send("beat");
     if (performance.now() - this.beatMs < BEAT_MS) return;
     this.beatMs = performance.now();
-    this.beats ??= new Worker("/static/js/beats.js");
+    this.beats ??= new Worker(new URL("./beats.js", import.meta.url));
     this.beats.postMessage(csrf);
   }
 

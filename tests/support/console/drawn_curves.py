@@ -5,7 +5,7 @@ from typing import Any
 from playwright.sync_api import Page
 
 DRAWN = """async name => {
-    const chart = (await import('/static/js/review/page.js')).plots.chart; // what the page itself has drawn
+    const chart = (await import(document.querySelector('script[type=module]').src)).plots.chart; // what the page itself has drawn
     return chart.curves.filter(curve => curve.name === name)
         .map(({x, y, colour, pane}) => ({x: [...x], y: [...y], colour, ...chart.panes[pane]}));
 }"""
