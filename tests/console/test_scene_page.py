@@ -22,7 +22,7 @@ def drop_connections(server):
 FORM_AMONG_VIEWS = """async () => {
   const { Plan } = await import("/static/js/plan.js");
   const form = document.createElement("form");
-  const field = (value) => ({ value, validity: { valid: true }, valueAsNumber: 0 });
+  const field = (value) => Object.assign(document.createElement("input"), { value });
   const elements = { object: field("told"), reference: document.createElement("select") };
   for (const name of ["displacement_mm", "displacement_x_mm", "yaw_deg"]) elements[name] = field("0");
   Object.defineProperty(form, "elements", { value: elements });
