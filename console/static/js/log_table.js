@@ -56,7 +56,7 @@ function outcome(row, log) {
     mark.className = "tag";
     mark.textContent = log.episode_verdict;
     mark.title = "A person's verdict";
-    element.append(" ", mark);
+    element.prepend(mark, " "); // before a reason, which may be cut off
   }
 }
 
