@@ -6,9 +6,12 @@ since axe-core reads elements: what canvases draw (strips, time line, mode bands
 a campaign's report, which are documents of their own.
 """
 
+import json
 import subprocess
 import sys
 import time
+from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -24,7 +27,7 @@ from tests.support.console.look import (
     MISPLACED,
     MOST_BYTES,
     PICTURED,
-    PICTURES,
+    THEMES,
     WINDOWS,
     WRITE,
     keep_picture,
@@ -75,7 +78,7 @@ def _campaign(folder: Path) -> None:
     plan.write_text(f"{head}[[experiments]]\n{experiment}")
     command = [sys.executable, "-m", "rtstack", "campaign", str(plan), "--out", str(folder / "20261121-101500")]
     campaign = CampaignFolder(folder / "20261121-101500")
-    campaign.keep(Asked("reference-spreading", True, time.time()))
+    campaign.note.write_text(json.dumps(asdict(Asked("reference-spreading", True, time.time()))))
     with campaign.said.open("w") as said:
         subprocess.run([*command, "--workers", "1"], check=True, stdout=said, stderr=said)
 
@@ -98,8 +101,8 @@ def test_every_page_of_the_console_is_looked_at_and_has_its_picture():
             pattern = pattern.replace(known, parameter)
         ours.add(pattern)
         if not WRITE:
-            for size, folder in PICTURED.items():
-                path = PICTURES / folder / f"{name}.png"
+            for (size, folder), pictures in product(PICTURED.items(), THEMES.values()):
+                path = pictures / folder / f"{name}.png"
                 assert path.stat().st_size <= MOST_BYTES, path
                 with Image.open(path) as picture:
                     assert picture.size == size, path
@@ -127,7 +130,7 @@ def test_a_page_in_both_themes_and_every_window(console, addresses, pattern, tmp
                 wrong[theme, "axe", width] = found
             folder = PICTURED.get((width, height))
             if folder is not None and (WRITE or folder == ".") and name != "panels":
-                keep_picture(page, name, (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
+                keep_picture(page, name, (THEMES[theme] if WRITE else tmp_path / theme) / folder)
     assert not wrong, "\n".join(f"{where}: {what}" for where, what in wrong.items())
     assert console.errors == []
 

@@ -11,7 +11,7 @@ from playwright.sync_api import Frame, Page, expect
 
 from tests.support.console.look import (
     PICTURED,
-    PICTURES,
+    THEMES,
     WINDOWS,
     WRITE,
     keep_picture,
@@ -219,7 +219,7 @@ def test_the_page_of_panels_in_both_themes_and_every_window(stage, tmp_path):
             if found := misplaced(page) + violations(page):
                 wrong[theme, width] = found
             if (folder := PICTURED.get((width, height))) is not None:
-                keep_picture(page, "panels", (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
+                keep_picture(page, "panels", (THEMES[theme] if WRITE else tmp_path / theme) / folder)
     assert not wrong, "\n".join(f"{where}: {what}" for where, what in wrong.items())
 
 

@@ -17,7 +17,8 @@ MOST_BYTES = 200_000
 # a phone, a tablet, what labs have; the last one is the pictures'
 WINDOWS = ((390, 844), (820, 1180), (1280, 720), (2560, 1440), (1920, 1080), (1440, 900))
 # windows with a picture in the documentation, by the folder that it is in
-PICTURED = {(390, 844): "390", (1920, 1080): "1920", (1440, 900): "."}
+PICTURED = {(390, 844): "390", (1920, 1080): "1920", (1280, 720): "."}
+THEMES = {"dark": PICTURES, "light": PICTURES / "light"}
 RULES = {
     "runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"],
     "rules": {"target-size": {"enabled": True}},  # of WCAG 2.2, which axe-core leaves out unless it is asked for
