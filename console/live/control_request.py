@@ -28,10 +28,11 @@ class ControlRequest:
         """Note that an operator asks the holder for control."""
         self._request, self._since_s = RequestView(operator, holder), self._clock()
 
-    def keep(self, holder: str) -> None:
-        """Note that the holder keeps control."""
+    def keep(self, holder: str) -> RequestView:
+        """Note that the holder keeps control; return the request."""
         if self._request.holder == holder:
             self._request = RequestView(self._request.operator, holder, kept=True)
+        return self._request
 
     def view(self, holder: str | None) -> RequestView | None:
         """Return the request to the one who has control now, None where there is none."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fastapi import APIRouter
 from pydantic.dataclasses import dataclass as checked
 
+from console.live.control_request import RequestView
 from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
 from console.sign_in import UserSession
@@ -65,9 +66,9 @@ def request(session: NeedsSession, parts: NeedsParts) -> Status:
 
 
 @router.post("/request/keep")
-def keep(holder: NeedsHolder, parts: NeedsParts) -> None:
+def keep(holder: NeedsHolder, parts: NeedsParts) -> RequestView:
     """Answer a request for control: no."""
-    parts.request.keep(holder.operator)
+    return parts.request.keep(holder.operator)
 
 
 @router.post("/request/give")

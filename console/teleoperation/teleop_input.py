@@ -67,13 +67,14 @@ class TeleopInput:
         """How things are now."""
         with self._lock:
             self._notice()
-            leading = self._by is not None and self._goal is not None and self._asked is not None
+            asked, goal = self._asked, self._goal
+            leads = self._by is not None
             return TeleopView(
                 self._by is not None, self._coupling, self._speed, self._stiffness,
                 self._dropped or self._late or self._refusal or self.policies.refused,
                 self._handles, len(self._grips.drags), tuple(self._gate.dropped), self._latency.view(),
                 self._watch.view.number, self.policies.leads, self.policies.names,
-                leading and not np.allclose(self._asked, self._goal[1], atol=1e-4),
+                leads and asked is not None and goal is not None and not np.allclose(asked, goal[1], atol=1e-4),
             )  # fmt: skip
 
     @property

@@ -137,7 +137,7 @@ def test_a_panel_answers_to_the_live_state_and_changes_nothing(beside: ServedCon
         answer = client.get("/api/panels/shows").json()
         assert answer == {
             "title": "Shows", "package": "lab-tools 1.2", "period_s": 0.2, "error": None,
-            "data": {"word": "disarmed!", "logs": ["audit.jsonl"]},
+            "data": {"word": "disarmed!", "logs": ["audit.jsonl", "sessions.json"]},
         }  # fmt: skip
         frame = client.get("/panels/shows?theme=light")
         assert "<p>shown</p>" in frame.text
@@ -266,5 +266,5 @@ def test_a_token_for_a_panel_is_made_and_listed_in_a_terminal(package: Path, tmp
 def test_without_panels_the_navigation_has_none(served: ServedConsole) -> None:
     with served.signed_in() as (client, _):
         assert served.parts.panels.packages() == {}
-        assert "No installed package offers a panel" in client.get("/panels").text
+        assert "No panel yet. Install a package that offers one" in client.get("/panels").text
         assert 'href="/panels"' not in client.get("/logs").text

@@ -5,7 +5,8 @@ from typing import Any
 from playwright.sync_api import Page
 
 DRAWN = """async name => {
-    const chart = (await import(document.querySelector('script[type=module]').src)).plots.chart; // what the page itself has drawn
+    const page = await import(document.querySelector('script[type=module]').src); // what it has drawn itself
+    const { chart } = page.plots;
     return chart.curves.filter(curve => curve.name === name)
         .map(({x, y, colour, pane}) => ({x: [...x], y: [...y], colour, ...chart.panes[pane]}));
 }"""
