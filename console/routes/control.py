@@ -30,6 +30,13 @@ class TakeOrder:
     over_from: Operator | None = None
 
 
+@checked(frozen=True, slots=True, config=MESSAGE)
+class AskOrder:
+    """What a session calls itself from now on, as it asks for control."""
+
+    operator: Operator | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class StopRequested:
     """Says that STOP has reached the loop. taken: it brakes the arms; False where no session controls them."""
@@ -56,12 +63,13 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
 
 
 @router.post("/request")
-def request(session: NeedsSession, parts: NeedsParts) -> Status:
+def request(order: AskOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Ask the operator who has control for it. The pages of both show the question; nothing else changes."""
     status = parts.client.status()
     if status.holder is None or status.holder == session.operator:
         raise RobotRefused(f"{'you have' if status.holder else 'no operator has'} control: there is none to ask")
-    parts.request.ask(session.operator, status.holder)
+    named = parts.sign_in.rename(session, order.operator or session.operator)
+    parts.request.ask(named.operator, status.holder)
     return status
 
 
@@ -77,7 +85,9 @@ def give(holder: NeedsHolder, parts: NeedsParts) -> Status:
     asked = parts.request.view(holder.operator)
     if asked is None:
         raise RobotRefused("no operator asks for control any more")
-    return parts.watch.learn(parts.client.take(asked.operator, holder.operator))
+    status = parts.watch.learn(parts.client.take(asked.operator, holder.operator))
+    parts.audit.note("give", holder.operator, f"{holder.operator} handed control over to {asked.operator}")
+    return status
 
 
 @router.post("/beat")

@@ -40,6 +40,13 @@ class PlaybackLimit:
     refused: str | None
 
 
+@dataclass(frozen=True, slots=True)
+class KeptPlan:
+    """id: of the plan's log."""
+
+    id: str
+
+
 @router.post("/jobs/teleoperation", status_code=202)
 def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a teleoperation: the arms hold where they are until the clutch is held."""
@@ -110,10 +117,10 @@ def cancel_plan(session: NeedsSession, parts: NeedsParts) -> PreviewView:
 
 
 @router.post("/planned/reference", status_code=201)
-def use_plan(session: NeedsSession, parts: NeedsParts) -> dict[str, str]:
+def use_plan(session: NeedsSession, parts: NeedsParts) -> KeptPlan:
     """Put the newest plan among the logs, as what a trial may follow; return its id."""
     path = parts.planner.keep()
-    return {"id": next((entry.id for entry in parts.catalogue.entries() if entry.path == path), "")}
+    return KeptPlan(next((entry.id for entry in parts.catalogue.entries() if entry.path == path), ""))
 
 
 @router.post("/jobs/playback", status_code=202, responses=problems(404))

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Path
 from fastapi.exceptions import HTTPException
 
-from console.parts import NeedsParts, Parts, written_now
+from console.parts import NeedsParts, NeedsSession, Parts, written_now
 from console.queue.entry import EntryState
 from console.refused import Refused
 from console.review.logs import growing, listed
@@ -59,12 +59,14 @@ def write_notes(log_id: str, notes: Annotated[list[Note], Body(max_length=500)],
 
 
 @router.post("/logs/{log_id}/delete", responses=problems(404, 409))
-def delete(log_id: str, parts: NeedsParts) -> Trashed:
+def delete(log_id: str, session: NeedsSession, parts: NeedsParts) -> Trashed:
     """Move a log to the trash. Refused while it is written or read, waits in the queue, or is an accepted reference."""
     entry = listed(parts.catalogue, log_id)
     _check_unused(parts, entry)
     parts.review_cache.forget(entry)
-    return trash.delete(entry.path)
+    deleted = trash.delete(entry.path)
+    parts.audit.note("delete", session.operator, f"{session.operator} deleted {entry.path.name}")
+    return deleted
 
 
 @router.get("/trash")
@@ -75,7 +77,7 @@ def trashed(parts: NeedsParts) -> Trash:
 
 
 @router.post("/trash/{trash_id}/restore", responses=problems(404, 409))
-def restore(trash_id: TrashId, parts: NeedsParts) -> LogRow:
+def restore(trash_id: TrashId, session: NeedsSession, parts: NeedsParts) -> LogRow:
     """Bring a deleted log back, with what was said about it."""
     if trash_id not in [each.id for each in trash.trashed(parts.catalogue.directory)]:
         raise HTTPException(404, "it is not in the trash: it was brought back, or removed for good")
@@ -83,6 +85,7 @@ def restore(trash_id: TrashId, parts: NeedsParts) -> LogRow:
         name = trash.restore(parts.catalogue.directory, trash_id)
     except LogError as error:
         raise HTTPException(409, str(error)) from None
+    parts.audit.note("restore", session.operator, f"{session.operator} brought {name} back")
     for entry in parts.catalogue.entries():
         if entry.path.name == name:
             return log_row(entry, None)
@@ -90,8 +93,9 @@ def restore(trash_id: TrashId, parts: NeedsParts) -> LogRow:
 
 
 @router.post("/trash/empty")
-def empty(parts: NeedsParts) -> Trash:
+def empty(session: NeedsSession, parts: NeedsParts) -> Trash:
     """Remove all deleted logs for good."""
+    parts.audit.note("empty trash", session.operator, f"{session.operator} removed the deleted logs for good")
     trash.empty(parts.catalogue.directory, time.time())
     return trashed(parts)
 
