@@ -28,7 +28,7 @@ from tests.support.console.chromium import ARGUMENTS, CHROMIUM
 from tests.support.console.stack import SoakFailed, Stack
 
 PAGES = ("Trials", "Logs", "Campaigns", "Operate")
-SLEEP_S = 3 * LEASE_S
+SLEEP_S = 1.5 * LEASE_S
 PATIENCE_MS = 120_000
 
 
