@@ -17,6 +17,7 @@ from console.parts import Parts
 from console.sign_in import UserSession
 from rtstack.live.panel import PANELS
 from rtstack.palette import MODE_STYLES
+from rtstack.trials.start_motion import rooms_mm
 
 STATIC = Path(__file__).parent / "static"
 _FOLDER = STATIC / "js"
@@ -56,9 +57,7 @@ TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "pages"), autoescape=True, undefined=StrictUndefined
 )
 TEMPLATES.globals["mode_words"] = {mode.name: style.word for mode, style in MODE_STYLES.items()}
-TEMPLATES.globals["page_script"] = page_script
-TEMPLATES.globals["static"] = static
-TEMPLATES.globals["panel_names"] = PANELS.names
+TEMPLATES.globals |= {"page_script": page_script, "static": static, "panel_names": PANELS.names, "rooms_mm": rooms_mm}
 
 # answers for programs and for the pages' scripts; every other address is a page
 _NOT_PAGES = ("/api/", "/static/", "/viser/", "/assets/", "/foxglove/", "/live")

@@ -281,6 +281,18 @@ def blocked_start(description: CellDescription, name: str, pose: ObjectPose) -> 
     return ""
 
 
+def rooms_mm(description: CellDescription) -> dict[str, list[list[int]]]:
+    """Return by object its least and largest shift, mm: along x on the table and the pads, along y clear of them."""
+    arms, table = arm_controllers(description, cell_parameters(description)), description.table
+    pads = [arm.observed_at(q)["position"][1] for arm, q in zip(arms, description.home, strict=True)]
+    lower, upper = np.array(table.centre_xy) + np.outer([-0.5, 0.5], table.size_xy)
+    lower[1], upper[1] = max(lower[1], min(pads) + CLEAR_OF_OBJECT_M), min(upper[1], max(pads) - CLEAR_OF_OBJECT_M)
+    halves = {name: np.array(thing.size[:2]) / 2.0 for name, thing in description.objects.items()}
+    met = {name: np.outer([-1.0, 1.0], half * [1.0, np.inf]) for name, half in halves.items()}
+    rooms = {name: np.clip([lower + half, upper - half], *met[name]) for name, half in halves.items()}
+    return {name: (1e3 * room.T).astype(int).tolist() for name, room in rooms.items()}  # towards the object's place
+
+
 def _gap(a: Array, b: Array) -> float:
     """Return how far two boxes are apart along the axis where they are furthest, m; negative where they overlap."""
     return float(np.maximum(a[0] - b[1], b[0] - a[1]).max())

@@ -184,7 +184,7 @@ def test_a_trial_ends_in_a_card_from_which_its_log_opens_and_it_is_run_again(rec
     card, form = page.locator("#trial-card"), page.locator("#trial")
     page.click("#tab-trial")
     recorded.arm()
-    page.fill("#trial input[name=displacement_mm]", "900")
+    page.fill("#trial input[name=yaw_deg]", "170")  # a turn that the form takes and no start does
     page.click("#trial button[type=submit]")
     errors = page.locator("#errors .error")
     expect(errors).to_contain_text("allowed are", timeout=FINISHED_MS)
@@ -194,6 +194,7 @@ def test_a_trial_ends_in_a_card_from_which_its_log_opens_and_it_is_run_again(rec
     expect(errors).to_have_count(0)
     page.click("#trial button[type=submit]")
     expect(errors).to_contain_text("allowed are", timeout=FINISHED_MS)
+    page.fill("#trial input[name=yaw_deg]", "0")
     recorded.start_trial("proposed", "-15")
     expect(card).to_be_hidden()
     expect(card).to_be_visible(timeout=FINISHED_MS)

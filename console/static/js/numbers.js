@@ -69,9 +69,17 @@ function readList(text, limits) {
   return values.length ? { value: values.join(" ") } : { refusal: "Write a number." };
 }
 
+// A field's range, and within it the room that the chosen objects have (data-rooms: by object; data-axis: of a shift).
+function limitsOf(field) {
+  const { min = -Infinity, max = Infinity, rooms, axis } = field.dataset;
+  const all = rooms ? JSON.parse(rooms) : {};
+  const chosen = [...(rooms ? field.form : field).querySelectorAll("[name=object] :checked, [name=objects]:checked")].map(({ value }) => all[value][axis]).filter(([least, most]) => least <= most);
+  return { least: Math.max(min, ...chosen.map(([least]) => least)), most: Math.min(max, ...chosen.map(([, most]) => most)), whole: field.dataset.step === "1" };
+}
+
 function read(field) {
-  const { min, max, step, list } = field.dataset;
-  const limits = { least: Number(min ?? -Infinity), most: Number(max ?? Infinity), whole: step === "1" };
+  const { list } = field.dataset;
+  const limits = limitsOf(field);
   if (field.disabled || (!field.required && field.value.trim() === "")) return { value: NaN };
   return list === undefined ? readNumber(field.value.trim(), limits) : readList(field.value, limits);
 }
@@ -107,31 +115,34 @@ function check(field, loud) {
   }
   field.setCustomValidity(refusal);
   field.setAttribute("aria-invalid", String(shown));
-  if (field.role === "spinbutton") field.ariaValueNow = Number.isNaN(value) ? null : value;
+  if (field.role === "spinbutton") {
+    const { least, most } = limitsOf(field);
+    field.ariaValueNow = Number.isNaN(value) ? null : value;
+    field.ariaValueMin = Number.isFinite(least) ? least : null;
+    field.ariaValueMax = Number.isFinite(most) ? most : null;
+  }
   if (sentence && sentence.textContent !== refusal) sentence.textContent = refusal;
   if (sentence) sentence.hidden = !shown;
   return refusal === "";
 }
 
 function step(field, by) {
-  const { min = -Infinity, max = Infinity, step: size = 1 } = field.dataset;
+  const { least, most } = limitsOf(field);
+  const { step: size = 1 } = field.dataset;
   const now = field.value.trim() === "" ? 0 : numberOf(field);
   if (Number.isNaN(now)) return;
-  field.value = Math.min(Math.max(Number((now + by * size).toFixed(9)), min), max);
+  field.value = Math.min(Math.max(Number((now + by * size).toFixed(9)), least), most);
   for (const kind of ["input", "change"]) field.dispatchEvent(new Event(kind, { bubbles: true }));
 }
 
 export function startNumbers() {
-  for (const field of document.querySelectorAll("[role=spinbutton]")) {
-    if (field.dataset.min !== undefined) field.ariaValueMin = field.dataset.min;
-    if (field.dataset.max !== undefined) field.ariaValueMax = field.dataset.max;
-  }
   setTimeout(() => document.querySelectorAll(FIELDS).forEach((field) => check(field, false))); // what a form remembers
   const of = (event) => event.target instanceof Element && isNumber(event.target);
   // before every listener of a page: what is refused has not been changed, and is not sent
   window.addEventListener("input", (event) => of(event) && check(event.target, false), { capture: true });
   window.addEventListener("change", (event) => {
     const field = event.target;
+    if (["object", "objects"].includes(field.name)) for (const each of field.form.querySelectorAll("[data-rooms]")) check(each, true); // their room is another one
     if (!of(event)) return;
     if (!check(field, true)) event.stopImmediatePropagation();
     else if (field.dataset.list === undefined && field.value.trim()) field.value = numberOf(field); // as it was read
