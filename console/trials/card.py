@@ -168,7 +168,7 @@ _Value = Callable[[LogRow, Impact | None], float | None]
 
 _NUMBERS: tuple[tuple[str, str, str, _Value], ...] = (
     (
-        "Peak force at the impact", "N",
+        "Peak force at impact", "N",
         "The largest force that a pad felt, from 20 ms before the detected impact to 200 ms after it; the larger arm's",
         lambda row, impact: None if impact is None else impact.peak_force_n,
     ),

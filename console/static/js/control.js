@@ -1,8 +1,9 @@
 // Control of the robot: who has it, whether it may move, and the way out of a fault. The server decides, this asks.
 
 import { post } from "./api.js";
-import { TWO, UNCHANGED } from "./arms.js";
+import { REAL, TWO, UNCHANGED } from "./arms.js";
 import { showError } from "./errors.js";
+import { moveFocus } from "./keyboard.js";
 import { LOOKS } from "./scope.js";
 
 const KEY = "rtstack.operator";
@@ -31,13 +32,21 @@ export function whyNot(view) {
   if (unreachable) return unreachable;
   if (status === null) return "the robot process has not answered yet";
   const other = status.holder !== null && status.holder !== you;
-  if (other && (status.phase === "disarmed" || status.phase === "armed")) return `${status.holder} has control; take over first`;
+  if (other && (status.phase === "disarmed" || status.phase === "armed")) return `${status.holder} has control: ask for control first`;
   if (status.phase === "fault") return "there is a fault: recover first"; // the bar says which
   return status.refusal;
 }
 
+// What both pads hold is put down before the next run; the button for that is on the page Operate.
+const holds = ({ state, status }) => state.held_n !== null && !(status?.job && ACTIVE.has(status.job.state));
+const there = () => (document.getElementById("moves") ? "" : " on the page Operate");
+
+// Why no trial and no demonstration can begin, in a line; null where it can.
+export const whyNoRun = (view) => whyNot(view) ?? (holds(view) ? `the arms hold an object: press Put it down${there()} first` : null);
+
 // The next step, in a sentence.
-function step({ status, you, unreachable, request }) {
+function step(view) {
+  const { status, you, unreachable, request, state } = view;
   if (LOOKS) return `${LOOKS}.`;
   if (unreachable) return sentence(unreachable);
   const { phase, holder, job } = status;
@@ -50,13 +59,14 @@ function step({ status, you, unreachable, request }) {
   }
   if (phase === "disarmed") return "Arm to allow motion.";
   if (job && ACTIVE.has(job.state)) {
-    if (job.state === "starting") return "Wait: nothing moves yet.";
+    if (job.state === "starting" || (!REAL && state.word === "preparing")) return "Wait: nothing moves yet.";
     if (job.state === "stopping") return "Wait: it is being stopped.";
     return job.kind === "teleoperation" ? "Move by hand, then press Finish." : "Wait until it ends, or cancel it.";
   }
+  if (holds(view)) return `Both arms hold an object. Press Put it down${there()} before the next run.`;
   const undecided = document.querySelector("#episode-outcome:not([hidden])");
   if (undecided && !undecided.querySelector("[aria-pressed=true]")) return "Say what became of it.";
-  if (document.querySelector("#follow:not([hidden])")) return "Run a trial with it, or record again.";
+  if (document.getElementById("follow")?.checkVisibility()) return "Run a trial with it, or record again.";
   const act = [...document.querySelectorAll("main .act")].find((each) => each.checkVisibility());
   return act && !act.disabled ? `Press ${act.textContent.trim()} below.` : "Choose below what to do.";
 }
@@ -64,11 +74,13 @@ function step({ status, you, unreachable, request }) {
 export class Control {
   constructor(live) {
     this.view = null;
+    this.pressed = null; // the button of the place that was pressed by a key: it is disabled, which takes the focus away
+    window.addEventListener("pointerdown", () => (this.pressed = null), true);
     this.name = document.getElementById("operator");
     this.name.value = localStorage.getItem(KEY) ?? "";
     this.actions("take", "Control was not taken", () => {
-      if (button("take").dataset.asks) return post("/api/request");
       const order = { operator: this.name.value.trim() || null };
+      if (button("take").dataset.asks) return post("/api/request", order);
       if (button("take").dataset.from) order.over_from = button("take").dataset.from;
       if (order.operator) localStorage.setItem(KEY, order.operator);
       return post("/api/take", order);
@@ -82,6 +94,7 @@ export class Control {
 
   actions(id, failure, act) {
     button(id).addEventListener("click", async () => {
+      if (PLACES.includes(id) && button(id).matches(":focus-visible")) this.pressed = id;
       button(id).disabled = true;
       try {
         await act();
@@ -131,11 +144,16 @@ export class Control {
 
   // One button at a time, all in one place; a name is typed before control is taken, and control is given back after it.
   place(next, mine) {
+    const at = document.activeElement;
+    const here = (PLACES.includes(at.id) && at.matches(":focus-visible")) || (this.pressed !== null && at === document.body);
     for (const id of PLACES) {
       button(id).dataset.away = String(id !== next);
       button(id).classList.toggle("next", id === next && id !== "disarm");
     }
     button("release").dataset.away = String(!mine);
     this.name.parentElement.dataset.away = String(mine);
+    if (!here) this.pressed = null;
+    else if (at !== button(next) && !button(next).disabled) moveFocus(button(next));
+    if (this.pressed !== next && document.activeElement === button(next)) this.pressed = null;
   }
 }

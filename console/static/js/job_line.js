@@ -1,29 +1,28 @@
 // The running job, its progress, and a way to end it; then what became of it: a trial in a card, others in a sentence.
 
 import { REAL, TWO } from "./arms.js";
-import { forgetErrors, showError } from "./errors.js";
 import { named } from "./formats.js";
+import { moveFocus } from "./keyboard.js";
 import { Outcome } from "./outcome.js";
 import { stop } from "./stop.js";
 import { TrialCard } from "./trial_card.js";
 
 const ACTIVE = new Set(["starting", "running", "stopping"]);
-const ABOUT = "job"; // errors about jobs: they go once a newer job has succeeded
 export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation", playback: "Playback", move: "Motion", guide: "Guiding" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };
 
-// What a job does, or how it has ended and why, and the tone of it.
-export function sentence(job) {
+// What a job does, or how it has ended and why, and the tone of it. word: of the cell's state.
+function sentence(job, word) {
   const what = `${WHAT[job.kind]} ${job.number} (${named(job.title)})`;
   const reason = named(job.reason ?? "no reason given").replace(/\.$/, "");
   switch (job.state) {
     case "starting": return [`${what} is being prepared.`, ""];
     case "running":
       if (REAL && job.kind !== "teleoperation" && !job.title.endsWith(", shadow")) return [`${what}: hold C, or another clutch. Let it go, and ${TWO ? "both arms stop" : "the arm stops"}.`, ""];
-      return [`${what} runs.`, ""];
+      return [word === "preparing" ? `${what} is being prepared.` : `${what} runs.`, ""];
     case "stopping": return [`${what} is being stopped.`, ""];
     case "stopped": return [`${what} was stopped: ${job.reason ? reason : "by the operator"}.`, "bad"];
     case "failed": return [`${what} failed: ${reason}.`, "bad"];
@@ -39,16 +38,27 @@ export function startJobLine(live, onFinished, follow = null) {
   const card = TWO ? new TrialCard(live) : null; // of a grab
   new Outcome(live, onFinished, follow);
   let last = null;
-  document.getElementById("cancel").addEventListener("click", stop);
-  live.onView(({ status }) => {
+  const cancel = document.getElementById("cancel");
+  cancel.addEventListener("click", stop);
+  let ordered = null; // the button that was pressed by keys: while its job is active it is disabled, and Cancel has the focus
+  window.addEventListener("submit", ({ target, submitter }) => {
+    ordered = target.matches("[data-moves][role=tabpanel]") && submitter?.matches(":focus-visible") ? submitter : null;
+  }, true);
+  window.addEventListener("pointerdown", () => (ordered = null), true);
+  const keepFocus = (active) => {
+    const [at, next] = [document.activeElement, active ? cancel : ordered];
+    if (![document.body, cancel, ordered].includes(at)) ordered = null;
+    else if (at !== next && !next.disabled && next.checkVisibility()) moveFocus(next);
+  };
+  live.onView(({ status, state: { word } }) => {
     const job = status?.job;
     const fault = status?.phase === "fault" && !(job?.reason ?? "").includes(status.reason ?? ""); // of no job
-    const [text, tone] = fault ? [`Fault: ${named(status.reason).replace(/\.$/, "")}.`, "bad"] : job ? sentence(job) : [line.textContent, ""];
+    const [text, tone] = fault ? [`Fault: ${named(status.reason).replace(/\.$/, "")}.`, "bad"] : job ? sentence(job, word) : [line.textContent, ""];
     write(line, text);
     line.dataset.tone = tone;
     if (!job) return;
     const active = ACTIVE.has(job.state);
-    const preparing = job.state === "starting";
+    const preparing = job.state === "starting" || (active && text.endsWith(" is being prepared."));
     document.getElementById("progress-row").hidden = !active || (!preparing && ["teleoperation", "guide"].includes(job.kind)); // they have no length
     document.getElementById("spinner").hidden = !preparing;
     document.getElementById("progress").value = job.progress;
@@ -56,12 +66,9 @@ export function startJobLine(live, onFinished, follow = null) {
     if (job.kind === "trial" && !active && job.log !== null) card?.show(job.log);
     else if (job.kind === "trial" && active) card?.wait();
     else card?.hide();
+    if (ordered) keepFocus(active);
     const state = `${job.number} ${job.state}`;
-    if (last !== null && last !== state && !active) {
-      onFinished();
-      if (job.success) forgetErrors(ABOUT);
-      if (job.state === "failed" && status.reason === null) showError(`${text} ${TWO ? "Both arms are" : "The arm is"} stopped.`, "", ABOUT);
-    }
+    if (last !== null && last !== state && !active) onFinished();
     last = state;
   });
 }

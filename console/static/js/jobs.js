@@ -1,7 +1,7 @@
 // Orders: forms that say why they cannot act.
 
 import { post } from "./api.js";
-import { whyNot } from "./control.js";
+import { whyNoRun } from "./control.js";
 import { showError } from "./errors.js";
 import { valueOf } from "./field_refusal.js";
 import { WHAT } from "./job_line.js";
@@ -32,7 +32,7 @@ export class Jobs {
     this.references = references;
     this.forms = ["demonstration", "trial"].map((name) => document.getElementById(name));
     for (const form of this.forms) form.addEventListener("submit", (event) => this.order(event, form));
-    live.onView((view) => this.show(whyNot(view)));
+    live.onView((view) => this.show(whyNoRun(view)));
     this.show("the console has not heard from the robot yet");
   }
 

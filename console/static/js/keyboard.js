@@ -4,6 +4,16 @@
 import { closeDialog, openDialog } from "./dialog.js";
 import { isTextField } from "./stop.js";
 
+const SETTLED_MS = 400;
+let moved = null; // the button to which the page has moved the focus last
+let movedMs = 0;
+
+// The focus goes on to a button that has come; a double press, or a key that is held, does not press it.
+export function moveFocus(button) {
+  button.focus();
+  [moved, movedMs] = [button, performance.now()];
+}
+
 export function startKeyboard() {
   const help = document.getElementById("help");
   const close = document.getElementById("help-close");
@@ -22,6 +32,8 @@ export function startKeyboard() {
       if (event.ctrlKey && !event.repeat && !button.disabled) target.form.requestSubmit(button);
       return;
     }
+    const twice = event.repeat || (target === moved && performance.now() - movedMs < SETTLED_MS);
+    if (event.key === "Enter" && twice && target.matches("button")) return event.preventDefault();
     if (event.ctrlKey || event.altKey || event.metaKey || isTextField(target)) return;
     if (event.key === "?" && !help.open) show();
     else if (event.key === "Enter" && target.type === "checkbox" && !event.repeat) target.click();

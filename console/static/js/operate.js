@@ -70,6 +70,7 @@ skip.href = "#control";
 skip.textContent = "To the next step";
 skip.addEventListener("click", (event) => {
   event.preventDefault();
-  document.querySelector(".slot .next, .slot [data-away=false]").focus();
+  const runs = [...document.querySelectorAll("main .act")].find((each) => each.checkVisibility() && !each.disabled);
+  (document.querySelector(".slot .next") ?? runs ?? document.querySelector(".slot button[data-away=false]:not(#release)")).focus();
 });
 document.body.prepend(skip);

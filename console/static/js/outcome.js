@@ -83,6 +83,7 @@ export class Outcome {
     if (episode && ACTIVE.has(job.state)) this.seen = job.number;
     const ended = episode && !ACTIVE.has(job.state) && this.seen === job.number;
     this.row.hidden = !ended || LOOKS !== null;
+    if (!ended && this.job !== null) this.offer(null);
     this.mine = status?.holder === you; // keys are of the operator who has control
     if (ended && this.job?.number !== job.number) {
       this.mark(null);

@@ -1,7 +1,7 @@
 // The queue: what the server says of it, and the buttons that change it. The server decides, this asks.
 
 import { get, post } from "./api.js";
-import { whyNot } from "./control.js";
+import { whyNoRun } from "./control.js";
 import { showError } from "./errors.js";
 import { LOOKS } from "./scope.js";
 
@@ -100,7 +100,7 @@ export class Queue {
     const { running, entries } = this.queue;
     const lease = this.mine() ? null : "Take control first";
     const waits = entries.some((entry) => entry.state === "waiting");
-    const why = this.view.status?.phase === "moving" && this.mine() ? null : whyNot(this.view);
+    const why = this.view.status?.phase === "moving" && this.mine() ? null : whyNoRun(this.view);
     write($("queue-start"), entries.some((entry) => FINAL.has(entry.state)) ? "Resume" : "Start");
     allow($("queue-start"), running ? "It runs" : waits ? why : "Nothing waits", "One trial after the other, until something fails");
     allow($("queue-pause"), LOOKS ?? (running ? null : "It is paused"), "Start nothing more; the trial that runs goes on to its end");

@@ -1,7 +1,7 @@
 // What a trial ends in: the verdict in a word, three numbers beside the last ten trials, its impact, and what comes next.
 
 import { get, post } from "./api.js";
-import { whyNot } from "./control.js";
+import { whyNoRun } from "./control.js";
 import { showError } from "./errors.js";
 import { pen } from "./canvas.js";
 import { drawModes } from "./review/bands.js";
@@ -124,6 +124,7 @@ export class TrialCard {
       const card = await get(`/api/trials/${row.id}/card`);
       if (this.log === log) this.fill(card);
     } catch (error) {
+      this.place(false);
       showError(`What the trial came to is not shown: ${error.message}`);
     }
   }
@@ -151,7 +152,7 @@ export class TrialCard {
     const line = document.createElement("li");
     line.title = number.about;
     const value = make("span", "value", rounded(number.value));
-    const spread = number.spread === null ? "" : ` \u00b1 ${rounded(number.spread)}`;
+    const spread = number.spread === null ? "" : `\u00a0\u00b1\u00a0${rounded(number.spread)}`;
     const before = make("span", "before", number.mean === null ? "none before" : `before ${rounded(number.mean)}${spread}`);
     before.title = `Mean and standard deviation of the last ${number.before.length} trials with this object`;
     line.append(make("span", "name", number.name), value, make("span", "unit", ` ${number.unit}`), document.createElement("canvas"), before);
@@ -167,7 +168,7 @@ export class TrialCard {
 
   allow() {
     if (!this.card) return;
-    const why = this.view === null ? "the console has not heard from the robot yet" : whyNot(this.view) ?? this.card.refusal;
+    const why = this.view === null ? "the console has not heard from the robot yet" : whyNoRun(this.view) ?? this.card.refusal;
     for (const [id, what] of [["card-again", "The same trial once more, with the same seed"], ["card-again-shifted", "The same trial, the object shifted by 10 mm more towards the left arm"]]) {
       $(id).disabled = why !== null;
       $(id).title = why ?? what;
