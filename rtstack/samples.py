@@ -133,7 +133,7 @@ CONTROL_FIELDS = (
         plain="momentum residual",
     ),
     Field("residual_rate", "Rate of the residual, {unit}.", "Nm/s", JOINTS, plain="rate of the residual"),
-    Field("force_norm", "Norm of the interaction wrenches of both arms.", plain="force norm (33)"),  # (33)
+    Field("force_norm", "Norm of the interaction wrenches of both arms.", plain="force norm (Eq. 33)"),  # (33)
     # of the aim-aware monitor (rtstack.monitor)
     Field("impact_verdict", "Whether this arm's impact was the one that was meant.", enum=Verdict, plain="verdict"),
     Field(

@@ -78,4 +78,4 @@ def _traces(found: Sequence[Curves], wanted: Sequence[Signal]) -> tuple[Trace, .
         for row, name in enumerate(part.names):
             both = np.stack([part.low[row], part.high[row]], axis=1).ravel()
             traces.append(Trace(known[name], t_s, part.low[row] if part.bucket == 1 else both))
-    return tuple(traces)
+    return tuple(sorted(traces, key=lambda trace: wanted.index(trace.signal)))  # as the page has them

@@ -414,6 +414,65 @@ def test_a_compared_log_that_ends_earlier_says_so_and_long_legends_hide_no_curve
     page.goto(before)
 
 
+def test_a_comparison_begins_at_the_impact_and_is_in_sight_in_small_windows(page, logs):
+    ids = {row["name"]: row["id"] for row in page.request.get("/api/logs").json()}
+    compared = f"/logs/{ids['first.mcap']}?other={ids['second.mcap']}"
+    impact = f"{first_impact_s(read_log(logs / 'first.mcap')):.3f} s"
+    try:
+        for width, height in ((390, 844), (640, 360), (1280, 720)):
+            page.set_viewport_size({"width": width, "height": height})
+            page.goto(compared)
+            expect(page.locator("#now")).to_have_text(impact)
+            expect(page.locator("#values td:nth-child(3)").first).to_have_text(re.compile(r"\d"))
+            expect(page.locator("#log-events li[aria-current]")).to_have_count(1)
+            assert page.evaluate("scrollY") == 0
+        assert (
+            page.locator("#plots").evaluate("plots => plots.scrollHeight - plots.clientHeight") == 0
+        )  # the axis is there
+        page.select_option("#across", "left.q.1")
+        expect(page).to_have_url(re.compile("x=left"))
+        assert page.locator("#plots").evaluate("plots => plots.scrollHeight - plots.clientHeight") == 0
+        page.locator("#plots").press("n")
+        expect(page.locator("#note-text")).to_be_focused()
+        form, cancel = (page.locator(which).bounding_box() or {} for which in ("#note-form", "#note-cancel"))
+        assert cancel["x"] + cancel["width"] <= form["x"] + form["width"]
+        page.keyboard.press("Escape")
+        page.goto(f"{compared}&t=0.000")
+        expect(page.locator("#values td:nth-child(2)").first).to_have_text(re.compile(r"\d"))
+        expect(page.locator("#now")).to_have_text("0.000 s")
+    finally:
+        page.set_viewport_size({"width": 1440, "height": 900})
+
+
+def test_a_value_and_a_name_are_written_once_and_without_a_sign_of_nothing(page):
+    open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
+    texts = "async () => (await import('/static/js/review/legends.js')).valueText"
+    written = f"async values => {{ const text = await ({texts})(); return values.map((value) => text(value, 3)); }}"
+    assert page.evaluate(written, [-0.0004, 0.0, -0.0006, -12.34, -1000.4]) == [
+        "0.000",
+        "0.000",
+        "-0.001",
+        "-12.3",
+        "-1000",
+    ]
+    norm, torque = page.locator(".legend").all()
+    expect(norm.locator("b")).to_have_text("force norm (Eq. 33), N, Nm")
+    expect(norm.locator("b")).to_have_attribute("title", "force_norm")
+    expect(norm.locator(".faint")).to_be_empty()
+    expect(torque.locator(".faint")).to_have_text("tau_J")
+
+
+_PAINTED = """() => {
+    const canvas = document.getElementById('figure'), { width, height } = canvas;
+    dispatchEvent(new Event('beforeprint'));
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    dispatchEvent(new Event('afterprint'));
+    let painted = 0;
+    for (let place = 3; place < data.length; place += 4) painted += data[place] > 0;
+    return [painted / (data.length / 4), canvas.width === width && canvas.height === height];
+}"""
+
+
 def test_a_comparison_is_printed_on_one_page_without_the_bar(page):
     open_log(page, "first.mcap")
     page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
@@ -424,6 +483,9 @@ def test_a_comparison_is_printed_on_one_page_without_the_bar(page):
     )
     for paper in ("A4", "Letter"):
         assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format=paper))) == 1
+    painted, as_before = page.evaluate(_PAINTED)
+    assert painted > 0.4  # the bands of the modes, on the curves' own canvas: on paper it hides the one behind it
+    assert as_before
     assert page.get_attribute("html", "data-theme") == theme
     assert page.locator("#figure").evaluate("canvas => canvas.width") == printed
     page.emulate_media(media="print")
@@ -464,7 +526,7 @@ def first_impact_s(log):
 
 
 def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
-    open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
+    open_log(page, "first.mcap", "?signals=left.tau_J.4,left.force_norm,left.q.1")
     for suffix in ("pdf", "svg", "png", "csv", "mcap"):
         expect(page.locator(f"#{suffix}")).to_have_attribute("href", re.compile("^/api/logs/"))
         page.locator("#export").evaluate("menu => (menu.open = true)")
@@ -472,11 +534,14 @@ def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
             page.click(f"#{suffix}")
         download.value.save_as(tmp_path / f"got.{suffix}")
         assert download.value.suggested_filename == f"first.{suffix}"
+        expect(page.locator("#export")).not_to_have_attribute("open", "")
     image = Image.open(tmp_path / "got.png").convert("RGB")
     assert image.width > 1000
     assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 20
     assert (tmp_path / "got.pdf").read_bytes().startswith(b"%PDF")
-    assert "joint torque" in (tmp_path / "got.svg").read_text()  # Matplotlib says a drawn text in a comment
+    drawing = (tmp_path / "got.svg").read_text()  # Matplotlib says a drawn text in a comment
+    places = [drawing.index(name) for name in ("joint torque", "force norm", "joint position")]
+    assert places == sorted(places)  # as on the page
     rows = list(csv.DictReader((tmp_path / "got.csv").read_text().splitlines()))
     assert max(float(row["left.tau_J.4"]) for row in rows) == SPIKE_NM
     assert (tmp_path / "got.mcap").read_bytes() == (logs / "first.mcap").read_bytes()

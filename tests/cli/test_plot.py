@@ -68,7 +68,7 @@ def test_a_figure_has_panes_with_units_and_the_reference_over_what_follows_it(tr
     log = figure_log(trial, wanted)
     panes = panes_of([log])
     assert [pane.label for pane in panes] == [
-        "pad velocity, m/s", "force norm (33), N, Nm", "joint torque, measured, Nm",
+        "pad velocity, m/s", "force norm (Eq. 33), N, Nm", "joint torque, measured, Nm",
     ]  # fmt: skip
     assert [line.label for line in panes[0].lines] == [
         "left vy", "right vy", "left vy reference", "right vy reference",

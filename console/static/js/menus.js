@@ -6,7 +6,7 @@ export function startMenus() {
   window.addEventListener("blur", () => open().forEach((menu) => (menu.open = false))); // a press in the scene's frame
   document.addEventListener("click", ({ target }) => {
     const menu = target.closest("details.menu");
-    if (menu && target.closest("button")) menu.open = false;
+    if (menu && target.closest("button, a[href]")) menu.open = false;
   });
   document.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;

@@ -139,7 +139,7 @@ export class TrialCard {
     document.querySelector("#trial-card .numbers").replaceChildren(...card.numbers.map((number) => this.line(number)));
     $("card-open").href = `/logs/${card.row.id}${card.impact ? `?t=${card.impact.at_s.toFixed(3)}` : ""}`;
     const compare = $("card-compare");
-    if (card.before) compare.href = `/logs/${card.row.id}?other=${card.before}`;
+    if (card.before) compare.href = `/logs/${card.row.id}?other=${card.before}${card.impact ? `&t=${card.impact.at_s.toFixed(3)}` : ""}`;
     else compare.removeAttribute("href");
     compare.setAttribute("aria-disabled", String(!card.before));
     compare.title = card.before ? "Both in one view, aligned at the impact" : "There is no trial before it";

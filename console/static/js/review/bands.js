@@ -57,11 +57,11 @@ function drawEvents(context, events, x, panes) {
       }
     }
   }
+  context.globalAlpha = 1;
 }
 
 // Impacts, verdicts and notes in words, where there is room for them.
 function labels(context, events, x, area) {
-  context.globalAlpha = 1;
   context.font = `11px ${theme().font}`;
   context.textBaseline = "middle";
   let free = area.left;

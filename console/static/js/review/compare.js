@@ -102,6 +102,7 @@ export class Compare {
     this.align.title = others.length && lacking ? "A log without an impact is aligned at the start" : "";
     this.plots.others = others.map((log) => ({ log, place: this.view.others.indexOf(log.id), offset: atImpact(log) ? this.log.impact - log.impact : 0 }));
     this.show();
+    if (!this.view.placed && this.view.t === 0 && others.some(atImpact)) this.view.setCursor(this.log.impact); // at 0 another log may not have begun
     this.view.tell("other");
     this.plots.refresh();
   }

@@ -27,9 +27,10 @@ export class Legends {
       const [{ plain, field }] = members;
       const units = [...new Set(members.map(({ unit }) => unit).filter(Boolean))].join(", ");
       title.textContent = `${differs ? "difference of " : ""}${plain}${units ? `, ${units}` : ""}`;
+      title.title = field;
       const name = document.createElement("span");
       name.className = "faint";
-      name.textContent = field;
+      name.textContent = plain.startsWith(field.replaceAll("_", " ")) ? "" : field;
       legend.append(title, name, ...members.map((signal) => this.entry(signal, colour(signal), signal.field === field ? "" : " reference")));
       return legend;
     }));
@@ -66,5 +67,5 @@ export class Legends {
 export function valueText(value, most) {
   if (value === undefined || value === null) return value === null ? "none" : "";
   const whole = Math.floor(Math.log10(Math.max(Math.abs(value), 1))) + 1;
-  return value.toFixed(Math.max(0, most - (Math.abs(value) < 1 ? 0 : whole)));
+  return value.toFixed(Math.max(0, most - (Math.abs(value) < 1 ? 0 : whole))).replace(/^-(?=[0.]*$)/, "");
 }

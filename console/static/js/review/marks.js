@@ -24,6 +24,7 @@ export class Marks {
     this.tools = () => []; // of a note: buttons beside it
     this.level.addEventListener("change", () => this.show());
     view.on("cursor", () => this.mark());
+    new ResizeObserver(() => this.follow()).observe(this.list);
   }
 
   // The log has grown.
@@ -88,6 +89,14 @@ export class Marks {
     const row = this.list.children[place];
     this.current = place;
     row?.setAttribute("aria-current", "true");
-    row?.scrollIntoView({ block: "nearest" });
+    this.follow();
+  }
+
+  // The list alone is scrolled to it; the page stays where it is.
+  follow() {
+    const row = this.list.children[this.current];
+    if (!row) return;
+    const [at, frame] = [row.getBoundingClientRect(), this.list.getBoundingClientRect()];
+    this.list.scrollTop += Math.min(0, at.top - frame.top) + Math.max(0, at.bottom - frame.bottom);
   }
 }

@@ -12,7 +12,7 @@ import { wordsOf } from "./values.js";
 
 const LANE_PX = 18; // above the panes: impacts and verdicts in words
 const GAP_PX = 6; // between a pane and what is above and below
-const SMALLEST_PANE_PX = 70; // of the curves alone
+const SMALLEST_PANE_PX = 40; // of the curves alone
 const BUCKETS_PER_PX = 1; // the server rounds up to powers of two: there are 0.5 to 1, of two points each
 
 export class Plots {
@@ -23,6 +23,7 @@ export class Plots {
     this.given = new Set(); // the names of those that analyses give, which another log may lack
     this.byName = new Map(signals.map((signal) => [signal.name, signal]));
     this.area = document.getElementById("figure-area");
+    this.bands = document.getElementById("bands");
     this.figure = document.getElementById("figure");
     this.cursor = document.getElementById("cursor");
     this.legends = new Legends();
@@ -115,7 +116,8 @@ export class Plots {
     this.area.hidden = signals.length === 0;
     const legends = this.legends.show(this.fields, (signal) => this.colour(signal), this.area.clientWidth, this.differs);
     const around = legends.reduce((sum, height) => sum + height + GAP_PX, MARGIN.bottom + LANE_PX); // what is no curve
-    const smallest = document.documentElement.matches(".printing") ? 0 : SMALLEST_PANE_PX;
+    const printing = document.documentElement.matches(".printing");
+    const smallest = printing ? 0 : SMALLEST_PANE_PX;
     this.area.style.height = `${Math.max(this.area.parentElement.clientHeight, around + this.fields.length * smallest)}px`;
     const on = pen(this.figure);
     if (on === null) return;
@@ -133,8 +135,8 @@ export class Plots {
     if (axis) curves = alongSignal(curves, this.curves.filter(({ name }) => name === across).map((curve) => ({ ...curve, ...points(curve) })));
     const [left, right] = axis ? rangeOf(curves, "x") : [from, to];
     this.chart = new Chart({ width: on.width, height: on.height, from: left, to: right, panes: this.panes, curves, ...(axis && { unit: axis.unit, ordered: false }) });
+    this.drawBehind(printing ? this.figure : this.bands); // on paper a canvas hides the one behind it
     this.chart.draw(on.context);
-    this.drawBehind();
     this.showCursor();
     this.area.dataset.points = this.chart.curves.reduce((sum, { x }) => sum + x.length, 0);
     this.area.dataset.window = `${this.drawn.from},${this.drawn.to}`;
@@ -168,11 +170,11 @@ export class Plots {
     return colourOf(signal, family.indexOf(signal));
   }
 
-  drawBehind() {
+  drawBehind(canvas = this.bands) {
     const axis = this.byName.get(this.drawn.across);
-    if (axis) return drawMoment(document.getElementById("bands"), this.chart, this.view.t, LANE_PX, `across: ${wordsOf(axis)}`);
+    if (axis) return drawMoment(canvas, this.chart, this.view.t, LANE_PX, `across: ${wordsOf(axis)}`);
     const area = { left: MARGIN.left, right: MARGIN.left + this.chart.plotWidth, lane: LANE_PX };
-    drawBands(document.getElementById("bands"), this.log, (t) => this.chart.x(t), area, this.panes);
+    drawBands(canvas, this.log, (t) => this.chart.x(t), area, this.panes);
   }
 
   showCursor() {

@@ -14,6 +14,7 @@ export class View {
     const number = (key) => (Number.isFinite(parseFloat(asked.get(key))) ? parseFloat(asked.get(key)) : null);
     this.signals = asked.has("signals") ? asked.get("signals").split(",").filter(Boolean) : [...DEFAULT];
     this.t = number("t") ?? 0;
+    this.placed = asked.has("t"); // whether a person has said where the cursor is
     this.from = number("from");
     this.to = number("to");
     this.others = (asked.get("other") ?? "").split(",").filter(Boolean).slice(0, MOST_OTHERS);
