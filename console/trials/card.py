@@ -215,7 +215,8 @@ def trial_card(catalogue: Catalogue, log_id: str) -> TrialCard:
 
 
 def _sentence(row: LogRow, impact: Impact | None) -> str:
-    said = f"{row.outcome[:1].upper()}{row.outcome[1:]}."
+    outcome = row.outcome.replace("failed", row.ending, 1) if row.ending is Ending.ABORTED else row.outcome
+    said = f"{outcome[:1].upper()}{outcome[1:]}."
     if row.ending is Ending.SUCCESS:
         words = {"expected": "the impact was the one that was meant", "not watched": "no monitor judged the impact"}
         said = f"Held until release; {words.get(row.verdict or '', 'the monitor came to no verdict on the impact')}."

@@ -157,6 +157,8 @@ def test_what_an_operator_a_watchdog_or_a_robot_ended_counts_against_no_controll
     write_log(path, about, {"success": "false", "failure_reason": reason, "average_force_norm": "99.0"})
     row = next(row for row in client.get("/api/logs").json() if row["name"] == path.name)
     assert (row["ending"], row["outcome"]) == ("aborted" if aborted else "failure", f"failed: {reason}")
+    card = client.get(f"/api/trials/{row['id']}/card").raise_for_status().json()
+    assert card["sentence"].startswith(f"{'Aborted' if aborted else 'Failed'}: {reason}.")
     order = TrialOrder(entries["ref"].id, object="rice_box")
     logs = (entries["trial0"].id, entries["trial1"].id, row["id"])
     served.parts.queue._entries = [Entry(str(k) * 16, order, "ref", log=log) for k, log in enumerate(logs)]

@@ -78,12 +78,14 @@ export class Queue {
     this.queue = queue;
     const state = $("queue-state");
     state.dataset.running = String(queue.running);
-    write(state, queue.running ? `runs for ${queue.operator}` : "paused");
-    write($("queue-reason"), queue.reason === null ? "" : `${queue.reason[0].toUpperCase()}${queue.reason.slice(1)}.`);
-    const ended = queue.entries.filter((entry) => FINAL.has(entry.state)).length;
-    $("queue-progress").value = queue.entries.length ? ended / queue.entries.length : 0;
-    const left = ended < queue.entries.length ? `, ${timeLeft(queue.time_left_s)}` : "";
-    write($("queue-left"), queue.entries.length ? `${ended} of ${queue.entries.length}${left}` : "");
+    const counted = queue.entries.filter((entry) => entry.state !== "cancelled");
+    const ended = counted.filter((entry) => FINAL.has(entry.state)).length;
+    const done = queue.reason === "all of it is done";
+    write(state, queue.running ? `runs for ${queue.operator}` : done ? "done" : "paused");
+    write($("queue-reason"), queue.reason === null || done ? "" : `${queue.reason[0].toUpperCase()}${queue.reason.slice(1)}.`);
+    $("queue-progress").value = counted.length ? ended / counted.length : 0;
+    const left = ended < counted.length ? `, ${timeLeft(queue.time_left_s)}` : "";
+    write($("queue-left"), counted.length ? `${ended} of ${counted.length}${left}` : "");
     this.showButtons();
     const shown = JSON.stringify([queue.entries, this.mine()]);
     if (shown === this.shown) return; // what has the focus keeps it

@@ -12,7 +12,7 @@ const wordsOf = ({ trial, state }) => [state, ...Object.entries(trial).map(([key
 function stateOf(row, item) {
   const { entry, ending, outcome } = item;
   const ended = ending !== undefined;
-  const words = ended ? endOf(item) : entry.reason ? `${entry.state}: ${named(entry.reason)}` : entry.state;
+  const words = ended ? endOf(item) : entry.reason ? `${entry.ending === "aborted" ? entry.ending : entry.state}: ${named(entry.reason)}` : entry.state;
   const place = cell(row, words, "state");
   place.dataset.state = ended ? ENDED[ending] ?? "" : entry.state;
   if (ended) place.dataset.ending = ending;
@@ -60,7 +60,9 @@ export class TrialTable extends LogTable {
     const planned = open.map((entry) => ({
       id: entry.id, ...entry.trial, when: null, average_force_norm: null, entry, place: waiting.indexOf(entry), waiting: waiting.length, mine: this.mine,
     }));
-    return [...planned, ...this.rows.map((log) => (ofLog.has(log.id) ? { ...log, entry: ofLog.get(log.id), mine: this.mine } : log))];
+    const runs = open.some(({ state }) => state === "running"); // its row stands for the log that is being written
+    const rows = this.rows.filter(({ outcome: end }) => !(runs && end === "being written"));
+    return [...planned, ...rows.map((log) => (ofLog.has(log.id) ? { ...log, entry: ofLog.get(log.id), mine: this.mine } : log))];
   }
 
   actions(row, { id, name, entry, place, waiting, mine, kind }) {
