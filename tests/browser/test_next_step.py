@@ -72,6 +72,47 @@ def test_the_second_press_of_a_double_one_does_not_arm(stage, page):
     assert stage.served.job_manager.authority.view().phase == "disarmed"
 
 
+def test_what_both_arms_hold_is_put_down_before_the_next_run(stage, page):
+    page.click("#take")
+    page.click("#arm")
+    run, why = page.locator("#demonstration [type=submit]"), page.locator("#demonstration [data-why]")
+    page.click("#tab-demonstration")
+    expect(run).to_be_enabled()
+    stage.arms.squeeze_n = 30.0
+    try:
+        one_button(page, "disarm", "^Both arms hold an object. Press Put it down before the next run.$")
+        expect(run).to_be_disabled()
+        expect(why).to_have_text("the arms hold an object: press Put it down first")
+        expect(page.locator("[data-motion=put_down]")).to_be_enabled()
+        page.click("#tab-hand")
+        expect(page.locator("#record")).to_be_enabled()
+    finally:
+        stage.arms.squeeze_n = 0.0
+    page.click("#tab-demonstration")
+    expect(run).to_be_enabled()
+
+
+def test_a_key_s_press_leads_the_focus_to_the_button_that_comes(stage, page):
+    page.click("#tab-demonstration")
+    page.locator("#operator").focus()
+    page.keyboard.press("Tab")
+    expect(page.locator("#take")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("#arm")).to_be_focused()
+    page.keyboard.press("Enter")  # at once: the second one of a double press
+    page.wait_for_timeout(500)
+    assert stage.served.job_manager.authority.view().phase == "disarmed"
+    page.keyboard.press("Enter")
+    expect(page.locator("#disarm")).to_be_focused()
+    page.locator(".skip").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#demonstration [type=submit]")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("#cancel")).to_be_focused()
+    expect(page.locator("#step")).to_have_text("Wait: nothing moves yet.")
+    expect(page.locator("#job-line")).to_contain_text("is being prepared")
+
+
 def test_control_is_a_few_keys_from_the_top_of_the_page(page):
     page.reload()
     expect(page.locator("#take")).to_be_enabled()

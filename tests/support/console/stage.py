@@ -26,7 +26,7 @@ class Arms:
 
     def __init__(self, rings):
         self.dq = 0.0
-        self.force_n = 0.0
+        self.force_n = self.squeeze_n = 0.0  # along x; along y, of both pads on what they hold
         self.silent = False
         self._pushers = [rings.pusher(f"/{side}/{topic}") for side in ("left", "right") for topic in ("arm", "control")]
         self._over = threading.Event()
@@ -44,7 +44,8 @@ class Arms:
             control["t_ns"] = arm["t_ns"]
             arm["dq"] = self.dq
             arm["O_F_ext_hat_K"][:, 0] = self.force_n
-            for pusher, record in zip(self._pushers, (arm, control) * 2, strict=True):
+            for place, (pusher, record) in enumerate(zip(self._pushers, (arm, control) * 2, strict=True)):
+                arm["O_F_ext_hat_K"][:, 1] = self.squeeze_n * (-1 if place < 2 else 1)
                 pusher.push(record)
 
     def close(self):
