@@ -444,6 +444,20 @@ def test_a_comparison_begins_at_the_impact_and_is_in_sight_in_small_windows(page
         page.set_viewport_size({"width": 1440, "height": 900})
 
 
+_CARD = """async () => {
+    const { TrialCard } = await import('/static/js/trial_card.js');
+    const impact = {at_s: 1.25, t_ms: [-1, 1], left: [0, 1], right: [0, 1], modes: []};
+    const card = new TrialCard({onView: () => {}});
+    card.fill({row: {id: 'a'}, before: 'b', impact, numbers: [], ending: '', what: '', sentence: ''});
+    return document.getElementById('card-compare').getAttribute('href');
+}"""
+
+
+def test_a_trial_is_compared_with_the_last_one_at_its_impact(page):
+    page.goto("/")
+    assert page.evaluate(_CARD) == "/logs/a?other=b&t=1.250"
+
+
 def test_a_value_and_a_name_are_written_once_and_without_a_sign_of_nothing(page):
     open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
     texts = "async () => (await import('/static/js/review/legends.js')).valueText"
