@@ -61,12 +61,13 @@ def test_a_queue_is_filled_ordered_and_run_and_its_results_lead_to_their_logs(tr
     expect(rows.nth(0).locator("td.state")).to_have_text("running", timeout=PATIENCE_MS)
     expect(page.locator("#mode-now")).to_have_text(re.compile("ante-impact|interim|post-impact"), timeout=PATIENCE_MS)
     expect(page.locator("#speed-now")).to_have_text(re.compile(r"[\d.]+ / [\d.]+ m/s"))
+    expect(rows.filter(has_text=re.compile("running|being written"))).to_have_count(1)
     page.click("#queue-pause")
     expect(page.locator("#queue-reason")).to_contain_text("paused it")
     ended = re.compile("^(success|unexpected impact|failed: .+)$")  # below what waits, once: as its log says
     expect(rows.nth(2).locator("td.state")).to_have_text(ended, timeout=PATIENCE_MS)
     expect(rows).to_have_count(3)
-    expect(page.locator("#queue-left")).to_have_text(re.compile("^2 of 3, .*left$"))
+    expect(page.locator("#queue-left")).to_have_text(re.compile("^1 of 2, .*left$"))  # what was cancelled is not done
     expect(rows.nth(0).locator("td.state")).to_have_text("waiting")
     expect(page.locator("#add")).not_to_have_attribute("open", "")  # what runs has the room
 
@@ -162,6 +163,12 @@ def test_logs_are_starred_tagged_deleted_and_brought_back_on_their_page(console)
     page.fill("#query", "force>much")
     expect(page.locator("#filter-why")).to_contain_text("a range is a name, a sign and a number", timeout=PATIENCE_MS)
     console.errors.clear()  # what is refused is no failure of the page's scripts
+    page.click(".bar-of-list .menu summary")
+    with page.expect_download() as download:
+        page.click("#table-csv")
+    head = Path(download.value.path()).read_text().splitlines()[0].split(",")
+    assert len(head) == len(set(head))
+    assert {"starred", "verdict", "episode_verdict"} <= set(head)
     page.fill("#query", "size>0.1")
     expect(rows).to_have_count(before, timeout=PATIENCE_MS)
     expect(page.locator("#filter-why")).to_be_empty()

@@ -4,6 +4,7 @@
 import { get } from "./api.js";
 import { showError } from "./errors.js";
 import { named, number, plain, shift, size, when } from "./formats.js";
+import { shortWhen } from "./references.js";
 import { save } from "./review/saving.js";
 import { RowWindow } from "./row_window.js";
 
@@ -33,9 +34,9 @@ const addressOf = (log) => (known(log) ? `/logs/${log.id}` : null);
 
 const kind = (log) => (known(log) ? log.kind : log.outcome === "being written" ? "starting \u2026" : "unknown file");
 
-function opener(row, log) {
+function opener(row, log, heading) {
   const place = cell(row, "", "when");
-  const [address, text] = [addressOf(log), when(log.when)];
+  const [address, text] = [addressOf(log), heading.dataset.short === undefined ? when(log.when) : shortWhen(log.when)];
   place.append(address === null ? text : link(address, text, `Open ${log.name}`));
   place.title = log.name;
 }
@@ -80,15 +81,16 @@ function marks(row, log, heading) {
   place.title = [said, log.tags.join(", "), log.note].filter(Boolean).join("; ");
 }
 
-const DECISIONS = { open: "accept or reject", accepted: "accepted", rejected: "rejected" };
+const DECISIONS = { open: "accept or reject", said: "no reference yet", accepted: "accepted", rejected: "rejected" };
 
 function file(row, log, heading) {
   const place = row.insertCell();
   const asked = log.decision !== null && log.success !== null && log.note !== "training"; // an exercise is no example
   if (heading.closest("[data-decide]") && asked) {
-    const about = log.decision === "open" ? "Not decided yet: look at it, and say whether trials may follow it" : "Whether trials may follow it; look at it again";
-    const decision = link(`/recordings/${log.id}`, DECISIONS[log.decision], about);
-    decision.dataset.decision = log.decision;
+    const state = log.decision === "open" && log.episode_verdict ? "said" : log.decision; // it is looked for, or there is none
+    const about = state === "open" ? "Not decided yet: look at it, and say whether trials may follow it" : "Whether trials may follow it; look at it again";
+    const decision = link(`/recordings/${log.id}`, DECISIONS[state], about);
+    decision.dataset.decision = state;
     place.append(decision, " ");
   }
   const download = link(`/api/logs/${log.id}/download`, heading.dataset.text, log.name);
@@ -240,7 +242,7 @@ export class LogTable {
 
   // What is on screen, in its order, as a file.
   saveCsv(name) {
-    const keys = ["name", ...this.headings.flatMap((heading) => heading.querySelector("button")?.dataset.key ?? []), "starred", "tags", "note"];
+    const keys = [...new Set(["name", ...this.headings.flatMap((heading) => heading.querySelector("button")?.dataset.key ?? []), "episode_verdict", "starred", "tags", "note"])];
     const value = (log, key) => (key === "when" ? new Date(log.when * 1000).toISOString() : log[key]);
     const lines = this.rows.map((log) => keys.map((key) => quoted(value(log, key))).join(","));
     save(new Blob([[keys.join(","), ...lines].join("\n") + "\n"], { type: "text/csv" }), name);
