@@ -110,6 +110,15 @@ class Console:
                 if self.page.locator(button).is_enabled():
                     self.page.locator(button).click(force=True)
             self.page.wait_for_timeout(200)
+        self.put_down()
+
+    def put_down(self) -> None:
+        """Put down what both pads hold after a run that was stopped, on the page that has a button for it."""
+        button, held = self.page.locator("[data-motion=put_down]"), self.page.locator("#held")
+        if held.is_visible() and button.count():
+            button.click()
+            expect(self.page.locator("#job-line")).to_contain_text("succeeded", timeout=JOB_TIMEOUT_MS)
+            expect(held).to_be_hidden()
 
     def record(self) -> None:
         """Record the scripted demonstration."""

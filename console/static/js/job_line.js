@@ -15,7 +15,7 @@ const write = (element, text) => {
 };
 
 // What a job does, or how it has ended and why, and the tone of it. word: of the cell's state.
-function sentence(job, word) {
+export function sentence(job, word) {
   const what = `${WHAT[job.kind]} ${job.number} (${named(job.title)})`;
   const reason = named(job.reason ?? "no reason given").replace(/\.$/, "");
   switch (job.state) {

@@ -8,7 +8,7 @@ const SETTLED_MS = 400;
 let moved = null; // the button to which the page has moved the focus last
 let movedMs = 0;
 
-// The focus goes on to a button that has come; a double press, or a key that is held, does not press it.
+// The focus goes on to a button that has come. A key that is held does not press it; a double press undoes nothing.
 export function moveFocus(button) {
   button.focus();
   [moved, movedMs] = [button, performance.now()];
@@ -32,7 +32,8 @@ export function startKeyboard() {
       if (event.ctrlKey && !event.repeat && !button.disabled) target.form.requestSubmit(button);
       return;
     }
-    const twice = event.repeat || (target === moved && performance.now() - movedMs < SETTLED_MS);
+    const undoes = target === moved && ["cancel", "disarm"].includes(target.id);
+    const twice = event.repeat || (undoes && performance.now() - movedMs < SETTLED_MS);
     if (event.key === "Enter" && twice && target.matches("button")) return event.preventDefault();
     if (event.ctrlKey || event.altKey || event.metaKey || isTextField(target)) return;
     if (event.key === "?" && !help.open) show();

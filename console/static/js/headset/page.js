@@ -190,7 +190,7 @@ class Headset {
       $(id).disabled = why !== null;
       $(id).title = why ?? "";
     }
-    const line = job ? sentence(job, view.status.reason)[0] : "-";
+    const line = job ? sentence(job, view.state.word)[0] : "-";
     if (line !== this.line) [this.line, this.said, $("job-line").textContent] = [line, line, line];
     $("finish").disabled = !this.running;
     if (this.running) this.outcome = null;
