@@ -19,7 +19,7 @@ from rtstack.log.analysis.signals import Signal
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES, Mode
 
-# of the logs over the first one: Okabe and Ito's hues as dark as colour-blind eyes need them, and dashes
+# Okabe and Ito, each hue as dark as colour-blind eyes need it; the logs over the first one also differ by dashes
 OVERLAYS = ("#857b00", "#000000", "#8f2f00", "#c0569e", "#003f78")
 DASHES = ((8, 3), (1.5, 2), (7, 2, 1.5, 2), (3.5, 2), (11, 2, 1.5, 2, 1.5, 2))
 MOST_LOGS = 1 + len(OVERLAYS)

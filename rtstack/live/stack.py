@@ -18,7 +18,7 @@ from hal.base.shared import private_folder, remove_left
 from rtstack.loop.mailbox import remove_mailbox
 
 LOOPBACK = "127.0.0.1"
-# of one that was killed Python's own tracker removes the shared memory, as `remove_left` does
+# Python warns of shared memory that a killed process left; `remove_left` removes it
 _QUIET = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker")))
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
