@@ -23,6 +23,7 @@ import numba
 import numpy as np
 from numba.core import config, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
 from hal.base.files import locked
@@ -50,11 +51,13 @@ def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) 
         return compiled()(signature)
 
     def compile_and_keep(function: Callable[..., Any]) -> Any:
-        with_defaults: dict[str, Any] = {"error_model": "numpy", **options}
+        # nothing here is called by C code or passed as a value: a wrapper for that would be compiled for nothing
+        with_defaults: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}
         made: Any = numba.njit(**with_defaults)(function)
         if made is not function:  # NUMBA_DISABLE_JIT
             with suppress(RuntimeError):  # code from a prompt or a pipe has no file that kept machine code belongs to
-                made._cache = _Cache(made)
+                made._cache = cache = _Cache(made)
+                made.compile = partial(cache.compile_alone, made.compile)
             if signature is not None:
                 made.compile(signature)
                 made.disable_compile()
@@ -212,8 +215,8 @@ class _Files(CompileResultCacheImpl):
 class _Cache(FunctionCache):
     """numba's cache of one function, with its digest for the time of its file, and a lock.
 
-    Without one, two processes that compile different signatures at the same moment take the same number for their
-    files, and the index then names the one's machine code for the other's call.
+    One process at a time loads or compiles it: another one that needs the same waits and loads what was made. Without a
+    lock, two that compile different signatures at the same moment would also take the same number for their files.
     """
 
     _impl_class = _Files
@@ -221,21 +224,26 @@ class _Cache(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function.py_func)
         self._function = function
-        self._lock = Path(self._cache_path) / f"{self._impl.filename_base}.lock"
+        self._lock, self._held = Path(self._cache_path) / f"{self._impl.filename_base}.lock", False
+
+    def compile_alone(self, compile_here: Callable[[Any], Any], signature: Any) -> Any:
+        """Load or compile, with numba's own method. What it calls is compiled within: no call leads back, so no two
+        processes wait for one another.
+        """
+        with global_compiler_lock:
+            if self._held:  # a function that calls itself
+                return compile_here(signature)
+            with locked(self._lock):
+                self._held = True
+                try:
+                    return compile_here(signature)
+                finally:
+                    self._held = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        self._stamp()
-        with locked(self._lock, shared=True):
-            return super().load_overload(sig, target_context)
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        self._stamp()
-        with locked(self._lock):
-            super().save_overload(sig, data)
-
-    def _stamp(self) -> None:
         # now, not when it is decorated: what it calls may stand below it
         self._cache_file._source_stamp = digest_of(self._function)
+        return super().load_overload(sig, target_context)
 
 
 def digest_of(function: Any) -> str:

@@ -23,8 +23,8 @@ from hal import extensions
 from hal.base.extras import published_for
 from rtstack.cells import default_cell_file
 from rtstack.cli.app import main
-from rtstack.cli.first_use import compile_once
 from rtstack.experiments.registry import installed_plans
+from rtstack.live.first_use import FirstUse
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.trials.controllers import DEFAULT
 from rtstack.trials.result import DemonstrationResult, TrialResult
@@ -54,8 +54,8 @@ settings.load_profile("shared")
 def pytest_sessionstart() -> None:
     """Compile once for all workers and all processes of tests, whose stacks then have nothing to say about it."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
-        compile_once(1)
-        compile_once(2)
+        FirstUse(1).wait()
+        FirstUse(2).wait()
 
 
 @pytest.hookimpl(tryfirst=True)

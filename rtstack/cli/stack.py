@@ -5,7 +5,7 @@ import sys
 from ipaddress import ip_address
 from pathlib import Path
 from socket import socket
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,9 @@ from rtstack.cli.options import CellFile, LeftArm, LogsWritten, Profile, RightAr
 from rtstack.live.stack import LOOPBACK, StackError, StackSettings, listen, run_stack
 from rtstack.live.standalone import MAILBOX, find_rings
 from rtstack.trials.errors import TrialError
+
+if TYPE_CHECKING:
+    from rtstack.model.cell_description import CellDescription
 
 commands = typer.Typer()
 Port = Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)]
@@ -45,13 +48,17 @@ def up(
     """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
     kind = _chosen_kind(cell_kind, left, right, profile)
     require("console")
-    from rtstack.cli.first_use import compile_once
+    from rtstack.live.first_use import FirstUse
 
     address = _address(host, https)
-    source, arms = _cell_file(cell_file or cell, kind)
+    source, description = _cell_file(cell_file or cell, kind)
     _make_log_folder(logs)
-    _listener(port, address).close()  # a port that cannot be used is said before what takes a minute
-    compile_once(arms)
+    _listener(port, address).close()  # a port that cannot be used is said before what takes long
+    first_use = FirstUse(len(description.sides))
+    if description.simulated:
+        first_use.begin()
+    else:
+        first_use.wait()  # nothing else computes while real arms are held
     raise typer.Exit(run_stack(StackSettings(port, logs, source, kind, address, https)))
 
 
@@ -67,11 +74,11 @@ def robot(
     profile: Profile = None,
 ) -> None:
     """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until an operator arms."""
-    from rtstack.cli.first_use import compile_once
+    from rtstack.live.first_use import FirstUse
 
     shared, arms = _shared(run_folder, logs, cell_file or cell, _chosen_kind(cell_kind, left, right, profile))
     _make_log_folder(logs)
-    compile_once(arms)
+    FirstUse(arms).wait()
     _become("rtstack.live.robot", shared)
 
 
@@ -145,21 +152,20 @@ def _make_log_folder(logs: Path) -> None:
         raise TrialError(f"cannot write logs to {logs}: {error.strerror}") from None
 
 
-def _cell_file(cell_file: Path | None, kind: str) -> tuple[Path, int]:
-    """Return the file of a cell that can be of this kind, and how many arms it has. Raises TrialError,
-    ConfigurationError."""
+def _cell_file(cell_file: Path | None, kind: str) -> "tuple[Path, CellDescription]":
+    """Return the file of a cell that can be of this kind, and what it says. Raises TrialError, ConfigurationError."""
     from rtstack.cells import load_description
     from rtstack.live.source import described_as
 
     source = load_description(cell_file)[1]
-    return source, len(described_as(source, kind).sides)
+    return source, described_as(source, kind)
 
 
 def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> tuple[list[str], int]:
-    source, arms = _cell_file(cell_file, kind)
+    source, description = _cell_file(cell_file, kind)
     return [
         "--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}",
-    ], arms  # fmt: skip
+    ], len(description.sides)  # fmt: skip
 
 
 def _listener(port: int, host: str = LOOPBACK) -> socket:

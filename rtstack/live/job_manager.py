@@ -14,6 +14,7 @@ from pathlib import Path
 from hal.base.realtime import scheduling
 from rtstack.live.audit import AuditTrail
 from rtstack.live.control_authority import ControlAuthority
+from rtstack.live.first_use import FirstUse
 from rtstack.live.protocol import Job, JobKind, JobState, RunRequest, Status
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
@@ -39,6 +40,7 @@ class JobManager(Watchdog):
         self._job: Job | None = None
         self._description = source.description
         self._object = next(iter(source.description.objects))
+        self._first_use = FirstUse(len(source.description.sides))
         self._ending: WatchdogTrip | None = None
 
     # -- the socket's side
@@ -59,6 +61,8 @@ class JobManager(Watchdog):
                 check_two_arms(self._description, f"the motion {asked.title!r}")
         except TrialError as error:
             raise Refused(str(error)) from None
+        if reason := self._first_use.refusal():
+            raise Refused(reason)
         with self._lock:
             self._check_free()
             number = 1 if self._job is None else self._job.number + 1
@@ -80,7 +84,7 @@ class JobManager(Watchdog):
     def status(self) -> Status:
         """Return how things are now."""
         # outside of the lock: the authority may wait for the disk, the loop for the lock
-        authority = self.authority.view()
+        authority, compiling = self.authority.view(), self._first_use.refusal()
         with self._lock:
             stopping = self._mailbox.stop_requested
             job = self._job
@@ -97,7 +101,7 @@ class JobManager(Watchdog):
                 objects=tuple(self._description.objects),
                 object=self._object,
                 job=job,
-                refusal=self._refusal() or authority.refusal,
+                refusal=self._refusal() or compiling or authority.refusal,
                 stop_requested=stopping,
                 scheduler=scheduling(os.getpid())[0],  # the loop's thread is the main one
             )

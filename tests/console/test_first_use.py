@@ -1,15 +1,18 @@
-"""What motions need is compiled once, before a stack starts."""
+"""What motions need is compiled once, before arms may be moved."""
 
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
-from rtstack.cli import first_use
+from hal.base.files import locked
+from rtstack.live import first_use
+from rtstack.live.first_use import FirstUse
 
-COMPILE = "from rtstack.cli.first_use import compile_once; compile_once(2)"
-SAID = "rtstack: compiling, once for this machine: about 50 s\n"
+COMPILE = "from rtstack.live.first_use import FirstUse; FirstUse(2).wait()"
+SAID = "rtstack: compiling, once for this machine: about 30 s\n"
 
 
 @pytest.fixture
@@ -30,19 +33,35 @@ def child(tmp_path, monkeypatch):
 
 def test_it_is_done_once_and_says_so_before(child, capsys):
     child("")
-    first_use.compile_once(2)
+    FirstUse(2).wait()
     assert capsys.readouterr() == ("", SAID)
     child("raise SystemExit('a second time')")
-    first_use.compile_once(2)
+    FirstUse(2).wait()
     assert capsys.readouterr() == ("", "")
 
 
 def test_what_is_not_compiled_is_one_line_and_comes_once(child, capsys):
     child("import sys; sys.exit('no room')")
-    first_use.compile_once(2)
-    first_use.compile_once(2)
-    line = "rtstack: not everything is compiled, the first motion waits for the rest: no room\n"
+    FirstUse(2).wait()
+    FirstUse(2).wait()
+    line = "rtstack: not all is compiled, a motion waits for the rest: no room\n"
     assert capsys.readouterr() == ("", SAID + line)
+
+
+def test_meanwhile_a_robot_process_refuses_motions_and_says_how_far_it_is(child, capsys, tmp_path):
+    child("")
+    robots = FirstUse(2)
+    assert robots.refusal() is None  # nobody is at it
+    with locked(tmp_path / "compiled/complete.lock"):
+        robots = FirstUse(2)
+        assert robots.refusal() == "compiling, once for this machine: 0%"
+    FirstUse(2).begin()
+    for thread in threading.enumerate():
+        if thread.name == "compiling":
+            thread.join()
+    assert robots.refusal() is None
+    assert robots.done
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.long
