@@ -36,7 +36,8 @@ class FirstUse:
         self._arms, self._folder = arms, cache_folder()
         self._stamp, self._lock = self._folder / f"complete-{arms}-{_digest()}", self._folder / "complete.lock"
         self._done = bool(config.DISABLE_JIT)  # pyright: ignore[reportAttributeAccessIssue]  # numba sets it at import
-        self._looked_s, self._refusal = 0.0, None
+        self._looked_s = 0.0
+        self._refusal: str | None = None
 
     @property
     def done(self) -> bool:
@@ -80,11 +81,15 @@ class FirstUse:
             began_s, failed = time.monotonic(), ""
             with ExitStack() as stack:
                 command = [*before, sys.executable, "-m", "rtstack.cli.each_motion", str(self._arms)]
-                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
                 children = [
-                    stack.enter_context(subprocess.Popen([*command, part], text=True, start_new_session=True, **pipes))
+                    stack.enter_context(
+                        subprocess.Popen(
+                            [*command, part], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                            text=True, start_new_session=True,
+                        )
+                    )
                     for part in _PARTS
-                ]
+                ]  # fmt: skip
                 while any(child.poll() is None for child in children):
                     if shown:
                         line = f"\rrtstack: {_ONCE}: {self._share():.0%}, {time.monotonic() - began_s:.0f} s "

@@ -63,6 +63,7 @@ function step(view) {
     if (job.state === "stopping") return "Wait: it is being stopped.";
     return job.kind === "teleoperation" ? "Move by hand, then press Finish." : "Wait until it ends, or cancel it.";
   }
+  if (status.refusal) return sentence(status.refusal); // such as compiling, at the first use
   if (holds(view)) return `Both arms hold an object. Press Put it down${there()} before the next run.`;
   const undecided = document.querySelector("#episode-outcome:not([hidden])");
   if (undecided && !undecided.querySelector("[aria-pressed=true]")) return "Say what became of it.";
