@@ -19,6 +19,7 @@ from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.experiments.cell.host import CellHost
+from rtstack.live.first_use import FirstUse
 from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.model.cell_description import CellDescription
@@ -90,6 +91,7 @@ class Terminal(CellHost):
             yield self._cell
             return
         self.check()
+        FirstUse(len(self.description.sides)).wait()
         asked = run.specification
         cell = open_cell(
             self.kind, asked.object, run.displacement, asked.seed, self.description, self.faults, run.noise_seed,
