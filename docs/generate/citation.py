@@ -12,7 +12,8 @@ def papers() -> str:
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     return "\n".join(
         f"- {', '.join(_name(author) for author in paper['authors'])}: *{paper['title']}*, "
-        f"[{paper['url'].removeprefix('https://')}]({paper['url']}). Here: {paper['notes']}."
+        f"{paper['year']}, [{paper['url'].removeprefix('https://')}]({paper['url']}), "
+        f"[doi:{paper['doi']}](https://doi.org/{paper['doi']}). Here: {paper['notes']}."
         for paper in cited["references"]
     )
 

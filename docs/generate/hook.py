@@ -1,4 +1,7 @@
-"""MkDocs' hook: pages made from the code, the figures, and the pages that live at the top of the repository."""
+"""MkDocs' hook: pages made from the code, the figures, and the pages that live at the top of the repository.
+
+The first page is README.md, followed by docs/index.md: one source for both.
+"""
 
 import re
 import sys
@@ -12,7 +15,7 @@ from citation import papers  # noqa: E402
 from command_line import command_line_page  # noqa: E402
 from concept_figures import concept_figures  # noqa: E402
 from departures import departures  # noqa: E402
-from example_pages import examples_page  # noqa: E402
+from example_pages import examples  # noqa: E402
 from fidelity import fidelity_commands, fidelity_errors, fidelity_fields, fidelity_profiles  # noqa: E402
 from http_api import http_api_page  # noqa: E402
 from limits import approach_ms, force_table, limit_table, measured_share, velocity_margin  # noqa: E402
@@ -31,7 +34,7 @@ def decision_list() -> str:
     return "\n".join(f"- [{title}]({name})" for name, title in titles)
 
 
-PAGES = {"reference/commands.md": command_line_page, "reference/http.md": http_api_page, "examples.md": examples_page}
+PAGES = {"reference/commands.md": command_line_page, "reference/http.md": http_api_page}
 TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "SUPPORT.md", "CODE_OF_CONDUCT.md")
 _VERSION = re.compile(r"\{\{ version\(\"([^\"]+)\"\) \}\}")
 FILLED = {
@@ -45,6 +48,7 @@ FILLED = {
     "{{ measured_share }}": measured_share,
     "{{ decisions }}": decision_list,
     "{{ departures }}": departures,
+    "{{ examples }}": examples,
     "{{ papers }}": papers,
     "{{ watchdogs }}": watchdogs,
     "{{ robot_models }}": robot_models,
@@ -54,6 +58,11 @@ FILLED = {
     "{{ fidelity_profiles }}": fidelity_profiles,
 }
 RUNBOOK = ROOT / "docs/runbook"
+
+
+def first_page(all_pages: str) -> str:
+    """Return README.md, and behind it docs/index.md, its heading a level lower. Only a clone has the licence's file."""
+    return f"{(ROOT / 'README.md').read_text().replace('[Apache-2.0](LICENSE)', 'Apache-2.0')}\n#{all_pages}"
 
 
 def on_config(config: Any) -> Any:
@@ -80,7 +89,9 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Fill in what comes from the code. A page at the top of the repository is found beside those of docs/."""
-    if page.file.src_uri in TOP_PAGES:
+    if page.file.src_uri == "index.md":
+        markdown = first_page(markdown)
+    if page.file.src_uri in (*TOP_PAGES, "index.md"):
         markdown = markdown.replace("](docs/", "](")
     for placeholder, content in FILLED.items():
         if placeholder in markdown:
