@@ -7,7 +7,7 @@ functions run as the plain Python that they are (NUMBA_DISABLE_JIT), and a mutan
 What became of each mutant is kept in .mutants/, in a file for each version of the two: the next run goes on from
 there. Survivors that nobody has listed are run again where the tests have changed. Prints killed / total; exit status
 1 where a survivor is not listed in mutation_survivors.txt, or not all have been run; 2 where the tests fail on the
-judge as it is.
+judge as it is. A first look, of which nothing is kept: `--module arming --test test_arming_steps --count 1`.
 
 Takes hours, --minutes at a time.
 """
@@ -17,6 +17,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -45,10 +46,10 @@ SAY_S = 10.0
 class Results:
     """What became of the mutants of this version of the judge: lines of status, the tests' digest, and the name."""
 
-    def __init__(self) -> None:
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / ".gitignore").write_text("*\n")
-        self._path = RESULTS / f"{digest()}.tsv"
+    def __init__(self, folder: Path = RESULTS) -> None:
+        folder.mkdir(exist_ok=True)
+        (folder / ".gitignore").write_text("*\n")
+        self._path = folder / f"{digest()}.tsv"
         self._tests = digest(*TESTS, SUPPORT / "judge_oracle.py", SUPPORT / "judge_samples.py", modules=())
         self.killed: dict[str, bool] = {}
         self.by_other_tests: set[str] = set()
@@ -72,7 +73,7 @@ def run(waiting: list[Mutant], tests: Tests, results: Results, jobs: int, minute
     """Run what waits, `jobs` at a time; at last what takes longest: all imported anew, and what all tests let pass."""
     began = said = time.monotonic()
     tolerated = listed()
-    queue = sorted(waiting, key=lambda mutant: (mutant.name not in tolerated, mutant.function is not None))
+    queue = sorted(waiting, key=lambda mutant: (mutant.name not in tolerated, not tests.anew(mutant)))
     running: dict[int, tuple[Child, Mutant]] = {}
     while running or (queue and time.monotonic() - began < 60.0 * minutes):
         while queue and len(running) < jobs:
@@ -85,7 +86,8 @@ def run(waiting: list[Mutant], tests: Tests, results: Results, jobs: int, minute
         if os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGXCPU:
             print(f"ended from outside, not counted: {mutant.name}", flush=True)
             continue
-        tests.found[killer] += 1
+        if killer:
+            tests.note(mutant, killer)
         results.keep(mutant.name, status != 0)
         if status == 0:
             print(f"survived  {mutant.name}", flush=True)
@@ -121,6 +123,8 @@ def main(
     minutes: Annotated[float, typer.Option(help="stop after this long; the next run goes on")] = 120.0,
     jobs: int = 2,
     module: list[str] | None = None,
+    test: Annotated[list[str] | None, typer.Option(help="only this file of tests/safety: nothing is kept")] = None,
+    count: Annotated[int | None, typer.Option(help="only the first so many of the chosen mutants")] = None,
 ) -> int:
     """Run what has not been run yet, within the time; return the exit status."""
     os.nice(5)
@@ -131,13 +135,18 @@ def main(
         suppress_health_check=list(hypothesis.HealthCheck),
     )  # fmt: skip
     hypothesis.settings.load_profile("mutants")
-    results = Results()
-    chosen = [m for module in choose(module, MODULES) for m in mutants(PACKAGE / f"{module}.py")]
+    files = [path for path in TESTS if path.stem in choose(test, [path.stem for path in TESTS])]
+    chosen = [m for name in choose(module, MODULES) for m in mutants(PACKAGE / f"{name}.py")][:count]
+    with TemporaryDirectory() as folder:
+        return _run_and_report(chosen, files, Results(Path(folder)) if test else Results(), jobs, minutes)
+
+
+def _run_and_report(chosen: list[Mutant], files: list[Path], results: Results, jobs: int, minutes: float) -> int:
     names = [mutant.name for mutant in chosen]
     waiting = [mutant for mutant in chosen if mutant.name not in results.killed]
     print(f"{len(names)} mutants, {len(names) - len(waiting)} of them known from earlier runs", flush=True)
     if waiting:
-        tests = Tests([str(path) for path in TESTS], CHOICE, [str(PACKAGE / "*.py")])
+        tests = Tests([str(path) for path in files], CHOICE, [str(PACKAGE / "*.py")])
         tests.run(lambda: run(waiting, tests, results, jobs, minutes))
         if tests.failed:
             print(f"{tests.why}\n{tests.failed} fails on the judge as it is: see to that first", file=sys.stderr)

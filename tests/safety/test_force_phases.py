@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from hal.limits import COLLISION_TORQUES, CollisionBehaviour
+from rtstack.cells import default_cell_file
+from rtstack.model.cell_description import load_cell_description
 from rtstack.safety.judge import Cause, ForcePhase, Judgement, SafetyJudge
 from rtstack.safety.limits import FORCES_BY_PHASE, HARDWARE, LimitWidened, SafetyLimits
 from rtstack.samples import ARM_SAMPLE
@@ -87,7 +89,8 @@ def test_the_robots_own_line_is_outside_the_judges_and_inside_what_a_face_may_fe
         assert np.all(np.array(told.contact_torques) <= told.collision_torques)
 
 
-def test_a_cell_has_the_small_forces_unless_its_file_says_otherwise(cell):
+def test_a_cell_has_the_small_forces_unless_its_file_says_otherwise():
+    cell = load_cell_description(default_cell_file())
     assert limits_of_arms(cell)[0].force_approach_max == FORCES_BY_PHASE["force_approach_max"]
     wide = replace(cell, safety=cell.safety | {"force_approach_max": 90.0, "tau_ext_approach_max": COLLISION_TORQUES})
     assert limits_of_arms(wide)[1].force_approach_max == 90.0

@@ -1,8 +1,9 @@
 """The judge's tests as mutation testing runs them: which test runs which lines, and a process a mutant.
 
 The tests are collected once. A mutant in a function is that function's code exchanged in a forked process, which then
-runs the tests that touch its lines, those that found most mutants a second first, to the first failure. A mutant
-outside of functions needs everything imported anew, with the mutant in the place of its module, and all tests.
+runs the tests that touch its lines, to the first failure: those first that found most mutants a second, and most of
+this place. A mutant outside of functions, or one that these let pass and whose lines run while the tests are imported,
+needs everything imported anew, with the mutant in the place of its module, and all tests.
 """
 
 import functools
@@ -24,7 +25,8 @@ import pytest
 
 from tests.support.safety.mutants import Mutant, functions
 
-PATIENCE_S = 300  # of a processor: no mutant of a judge without loops of its own takes longer
+PATIENCE_S = 20.0  # of a processor, and four times what all tests take: who needs more does not end
+SAME_PLACE = 20  # so many times a mutant of the same function, or outside of them, counts where tests are put in order
 OPTIONS = ["-s", "--noconftest", "-p", "no:cacheprovider", "-p", "no:terminal", "-c", os.devnull]
 OPTIONS += ["-W", "ignore", "--assert=plain"]
 
@@ -32,14 +34,14 @@ OPTIONS += ["-W", "ignore", "--assert=plain"]
 class Child:
     """A forked process that runs tests on a mutant: it exits with 0 where they all pass, and says which one failed."""
 
-    def __init__(self, work: Callable[[], str]) -> None:
+    def __init__(self, work: Callable[[], str], patience_s: int) -> None:
         reader, writer = os.pipe()
         self.pid = os.fork()
         if self.pid == 0:
             said = "it broke off"
             try:
                 signal.signal(signal.SIGINT, signal.SIG_DFL)
-                resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE_S, PATIENCE_S + 5))
+                resource.setrlimit(resource.RLIMIT_CPU, (patience_s, patience_s + 5))
                 quiet = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(quiet, 1)
                 os.dup2(quiet, 2)
@@ -91,7 +93,7 @@ class Tests(First):
         self._items: dict[str, pytest.Item] = {}
         self._touching: dict[tuple[str, int], set[str]] = defaultdict(set)
         self._seconds: dict[str, float] = {}
-        self.found: Counter[str] = Counter()
+        self._found: Counter[tuple[str, str]] = Counter()
 
     def run(self, main: Callable[[], None]) -> None:
         """Collect the tests, run each of them once on the judge as it is, and call main, unless one fails."""
@@ -125,20 +127,36 @@ class Tests(First):
 
     def start(self, mutant: Mutant) -> Child:
         """Run a mutant's tests in a process."""
-        names = set().union(*(self._touching[mutant.module, n] for n in range(mutant.lines[0], mutant.lines[1] + 1)))
-        # the name without text is that of what ran while the tests were imported
-        if mutant.function is None or "" in names or not names:
-            return Child(lambda: self._run_anew(mutant))
-        return Child(lambda: self._run_some(mutant, sorted(names, key=self._value)))
+        names = self._names(mutant)
+        patience_s = round(PATIENCE_S + 4.0 * sum(self._seconds.values()))
+        anew = self.anew(mutant)
+        ordered = sorted(names - {""} if mutant.function else (), key=lambda name: self._value(name, _place(mutant)))
+        return Child(lambda: self._run_some(mutant, ordered) or (self._run_anew(mutant) if anew else ""), patience_s)
 
-    def _value(self, name: str) -> float:
-        return -(self.found[name] + 1) / (self._seconds.get(name, 1.0) + 0.01)
+    def anew(self, mutant: Mutant) -> bool:
+        """Whether a mutant that is exchanged may do less than one that was there from the beginning."""
+        names = self._names(mutant)
+        return mutant.function is None or "" in names or not names
+
+    def _names(self, mutant: Mutant) -> set[str]:
+        """Return the tests that run the lines; the name without text is that of what ran while they were imported."""
+        return set().union(*(self._touching[mutant.module, n] for n in range(mutant.lines[0], mutant.lines[1] + 1)))
+
+    def note(self, mutant: Mutant, killer: str) -> None:
+        """Remember which test noticed a mutant."""
+        for place in ("", _place(mutant)):
+            self._found[place, killer] += 1
+
+    def _value(self, name: str, place: str = "") -> float:
+        worth = 1 + self._found["", name] + (SAME_PLACE * self._found[place, name] if place else 0)
+        return -worth / (self._seconds.get(name, 1.0) + 0.01)
 
     def _run(self, item: pytest.Item) -> None:
         item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
 
     def _run_some(self, mutant: Mutant, names: list[str]) -> str:
-        _exchange(f"rtstack.safety.{mutant.module}", mutant.function or "", mutant.code)
+        if names:
+            _exchange(f"rtstack.safety.{mutant.module}", mutant.function or "", mutant.code)
         for name in names:
             self._run(self._items[name])
             if self.failed:
@@ -151,7 +169,7 @@ class Tests(First):
             if name.partition(".")[0] in ("rtstack", *tests) or name.startswith("tests.support.safety.judge_"):
                 del sys.modules[name]
         sys.meta_path.insert(0, _Import(f"rtstack.safety.{mutant.module}", mutant.code))
-        first = First(self._value)
+        first = First(lambda name: self._value(name, _place(mutant)))
         status = pytest.main([*self._paths, *self._options, "-x"], plugins=[first])
         return first.failed or ("" if status == 0 else "before any test")
 
@@ -167,6 +185,10 @@ class _Import(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def exec_module(self, module) -> None:
         exec(self._code, module.__dict__)
+
+
+def _place(mutant: Mutant) -> str:
+    return f"{mutant.module}.{mutant.function or ''}"
 
 
 def _exchange(module: str, path: str, code: CodeType) -> None:
