@@ -33,6 +33,19 @@ def test_a_base_stands_upright_at_the_origin_unless_told_otherwise():
     np.testing.assert_array_equal(arm_body(Base(), Tool())["base_rotation"], np.eye(3))
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("offset_xy", (np.nan, 0.0)), ("offset_xy", (0.0, np.inf)), ("orientation_wxyz", (0.0, 0.0, 0.0, 0.0)),
+        ("orientation_wxyz", (1e-6, 0.0, 0.0, 0.0)), ("orientation_wxyz", (np.inf, 0.0, 0.0, 0.0)),
+    ],
+)  # fmt: skip
+def test_a_pad_that_stands_nowhere_is_refused(field, value):
+    with pytest.raises(ValueError, match=field):
+        Tool(**{field: value})
+    assert Tool(orientation_wxyz=(2e-6, 0.0, 0.0, 0.0)).offset_xy == (0.0, 0.0)
+
+
 def test_joints_and_face_are_where_the_published_table_says():
     body = arm_body(Base(), Tool(flange_to_face=0.05))
     for i, (a, d, alpha) in enumerate(DH[:7]):

@@ -82,6 +82,15 @@ def test_the_arms_distance_is_that_of_their_capsules():
         assert arm_distance(left, other, judges[0]._rules[0], expected - 0.01) == expected - 0.01
 
 
+def test_each_judge_knows_the_body_of_the_other_arm():
+    pads = (Tool(), Tool((0.2, 0.3, 0.1), 0.2))
+    left, right = (judge._rules[0] for judge in judges_of((HARDWARE, HARDWARE), (LEFT, RIGHT), pads))
+    assert not np.array_equal(left["radius"], right["radius"])
+    for one, other in ((left, right), (right, left)):
+        for field in ("radius", "reach"):
+            np.testing.assert_array_equal(one[f"other_{field}"], other[field])
+
+
 def test_arms_that_are_too_close_stop_both_of_them():
     judges = _pair()
     assert _both(judges, 0) == (Judgement.PASS, Judgement.PASS)

@@ -1,16 +1,17 @@
 """Limits are tightened and never widened; whoever tries is told the key, the value and the bound."""
 
-from dataclasses import FrozenInstanceError
-from math import inf, nan, nextafter
+from dataclasses import FrozenInstanceError, replace
+from math import inf, nan, nextafter, sqrt
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hal.limits import OwnLimits
 from hal.robots import FR3
 from rtstack.safety.judge import Base, SafetyJudge, Tool
-from rtstack.safety.limits import HARDWARE, NAMES, LimitWidened, control_limits
+from rtstack.safety.limits import HARDWARE, NAMES, LimitWidened, control_limits, within_own
 
 LOWER = ("q_lower", "ee_lower", "arm_distance_min")
 
@@ -109,6 +110,66 @@ def test_the_controllers_lines_are_inside_the_judges_wherever_a_table_draws_them
     assert np.all((controllers <= judges - margin + 1e-12) | (controllers < 0.0))
     assert np.all((line["tau_max"] < limits.tau_max) & (line["tau_J_max"] < limits.tau_J_max))
     assert line["tau_step"] < limits.tau_rate_max * 1e-3 * (1.0 - 1e-4)
+
+
+def test_the_controllers_limits_are_the_judges_less_their_margins():
+    record = control_limits(HARDWARE, 2e-3)
+    assert record.shape == (1,)
+    line = record[0]
+    braking = np.maximum(FR3.limits.ddq_max, FR3.limits.deceleration)
+    for name, wanted in (
+        ("q_lower", HARDWARE.q_lower), ("q_upper", HARDWARE.q_upper),
+        ("dq_max", 0.96 * FR3.limits.dq_max),
+        ("velocity_offset", FR3.limits.velocity_offset + 0.02 * FR3.limits.dq_max),
+        ("deceleration", FR3.limits.deceleration), ("braking", braking), ("push_max", 2.0 * braking),
+        ("tau_max", 0.999 * FR3.limits.tau_max), ("tau_J_max", 0.9 * FR3.limits.tau_max),
+        ("tau_step", 1000.0 * 2e-3 * (1.0 - 2e-4)), ("approach_s", 0.02),
+    ):  # fmt: skip
+        np.testing.assert_allclose(line[name], wanted, rtol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("room", [-0.1, 0.0, 0.01, 0.1, 0.5, 3.0])
+def test_the_fastest_near_a_position_limit_is_the_vendors_formula(room):
+    wanted = [
+        min(fastest, max(0.0, sqrt(2.0 * deceleration * max(0.0, room)) - offset))
+        for fastest, deceleration, offset in zip(
+            HARDWARE.dq_max, FR3.limits.deceleration, FR3.limits.velocity_offset, strict=True
+        )
+    ]
+    np.testing.assert_allclose(HARDWARE.dq_upper(np.array(HARDWARE.q_upper) - room), wanted, atol=1e-9)
+    np.testing.assert_allclose(HARDWARE.dq_lower(np.array(HARDWARE.q_lower) + room), np.negative(wanted), atol=1e-9)
+
+
+def _own(by: float, of: np.ndarray) -> OwnLimits:
+    """The model's own limits, tighter by a share of `by` in the joints in which `of` is 1, wider where it is -1."""
+    arm, share = FR3.limits, by * of
+    return OwnLimits(
+        arm.q_lower + share, arm.q_upper - share, arm.dq_max - share, arm.tau_max - share,
+        arm.velocity_offset + share, arm.deceleration - share,
+    )  # fmt: skip
+
+
+def test_of_the_models_limits_and_the_robots_own_the_tighter_one_holds():
+    of = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+    limits, differs = within_own(HARDWARE, _own(0.05, of))
+    assert len(differs) == 6 * 7
+    tighter, arm = 0.05 * np.maximum(of, 0.0), FR3.limits
+    for found, wanted in (
+        (limits.q_lower, arm.q_lower + 0.005 + tighter), (limits.q_upper, arm.q_upper - 0.005 - tighter),
+        (limits.dq_max, 0.98 * (arm.dq_max - tighter)), (limits.tau_max, arm.tau_max - tighter),
+        (limits.tau_J_max, arm.tau_max - tighter), (limits.arm.velocity_offset, arm.velocity_offset + tighter),
+        (limits.arm.deceleration, arm.deceleration - tighter),
+    ):  # fmt: skip
+        np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+def test_own_limits_that_differ_as_a_file_rounds_are_those_of_the_model():
+    for by, differ in ((0.0, 0), (0.9e-4, 0), (1.1e-4, 42)):
+        assert len(within_own(HARDWARE, _own(by, np.ones(7)))[1]) == differ
+        assert len(within_own(HARDWARE, _own(by, -np.ones(7)))[1]) == differ
+    for name in ("velocity_offset", "deceleration"):  # both or none: one alone is no velocity limit
+        limits, _ = within_own(HARDWARE, replace(_own(0.05, np.ones(7)), **{name: None}))
+        assert limits.arm == HARDWARE.arm
 
 
 def test_an_unknown_limit_is_refused_with_those_that_there_are():
