@@ -23,6 +23,7 @@ from rtstack.trials.monitoring import tuning_of
 
 OBJECT = "rice_box"  # whose monitor is timed: all are alike
 WARM_UP = 200  # ticks that are not counted
+PARTS = ("model", "observe", "monitor", "modes", "command", "judge")  # the model is a part of the observation, too
 
 
 class _Pair:
@@ -48,15 +49,19 @@ class _Pair:
         self._now_ns = 0
         self._phase = rng.uniform(0.0, 2 * np.pi, (2, 7))
 
-    def pose(self, k: int, constrain: bool) -> None:
+    def pose(self, k: int, constrain: bool) -> int:
+        """Give both arms the k-th state; return how long their models took, ns."""
         self._now_ns += 1_000_000  # of a clock that never goes back: the judge would stop
+        model_ns = 0
         for a, arm in enumerate(self.arms):
             t = 1e-3 * k
             q = self.homes[a] + 0.1 * np.sin(2.0 * t + self._phase[a])
             dq = 0.2 * np.cos(2.0 * t + self._phase[a])
             noise = self._rng.normal(size=13)
             point = self.points[a]
+            began_ns = time.perf_counter_ns()
             arm.model.update(q, dq)
+            model_ns += time.perf_counter_ns() - began_ns
             point["position"][0] = arm.model.p7 + arm.model.R7 @ arm.model.face + 0.01 * np.sin(t + self._phase[a, :3])
             point["rotation"][0] = arm.model.R7 @ arm.model.R_joint_ee
             point["twist"][0, :3] = 0.02 * np.cos(t + self._phase[a, :3])
@@ -68,34 +73,28 @@ class _Pair:
             sample["q"][0], sample["dq"][0] = q, dq
             sample["tau_J"][0] = arm.workspace["gravity"][0] + noise[:7] * 0.05
             sample["O_F_ext_hat_K"][0] = noise[7:] * 0.2
+        return model_ns
 
-    def tick(self) -> tuple[int, int]:
-        """Run a tick; return its time in ns, and the worst QP status."""
-        began = time.perf_counter_ns()
+    def tick(self) -> tuple[list[int], int]:
+        """Run a tick; return when each of its parts began, and its end, ns, and the worst QP status."""
+        marks = [time.perf_counter_ns()]
         for arm in self.arms:
             arm.observe()
-        self.watch()
+        marks.append(time.perf_counter_ns())
+        for side in range(2):
+            self.controller.watch(side, self._now_ns)
+        marks.append(time.perf_counter_ns())
         self.controller.decide(0.0)
-        worst = 0
-        self.choose()
         for arm in self.arms:
-            worst = max(worst, arm.command(Mode.ANTE_IMPACT))
+            arm.choose(0, self.controller.machine)
+        marks.append(time.perf_counter_ns())
+        worst = max(arm.command(Mode.ANTE_IMPACT) for arm in self.arms)
         self.controller.finish()
-        self.judge()
-        return time.perf_counter_ns() - began, worst
-
-    def judge(self) -> None:
+        marks.append(time.perf_counter_ns())
         for arm, judge, residual in zip(self.arms, self.judges, self.residuals, strict=True):
             judge.judge(arm.sample, residual=residual)
             arm.applied()
-
-    def watch(self) -> None:
-        for side in range(2):
-            self.controller.watch(side, self._now_ns)
-
-    def choose(self) -> None:
-        for arm in self.arms:
-            arm.choose(0, self.controller.machine)
+        return [*marks, time.perf_counter_ns()], worst
 
 
 def bench_tick(description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0) -> dict[str, Any]:
@@ -103,32 +102,32 @@ def bench_tick(description: CellDescription, parameters: Parameters, ticks: int,
 
     Returns:
         Times in us. tick_*: of the whole dual-arm tick, no limit active; constrained_*: a limit active in half of the
-        ticks; model, observe, monitor, command, judge: parts of the tick without a limit, p50.
+        ticks; model, observe, monitor, modes, command, judge: parts of the tick without a limit, p50.
     """
     pair = _Pair(description, parameters, np.random.default_rng(seed))
-    times: dict[bool, list[int]] = {False: [], True: []}
+    times: dict[bool, list[list[int]]] = {False: [], True: []}
     solved = unsolved = 0
     for constrained in (False, True):
         for k in range(WARM_UP + ticks):
-            pair.pose(k, constrained and k % 2 == 1)
-            took_ns, worst = pair.tick()
+            model_ns = pair.pose(k, constrained and k % 2 == 1)
+            marks, worst = pair.tick()
             if k < WARM_UP:
                 continue
-            times[constrained].append(took_ns)
+            times[constrained].append([marks[-1] - marks[0], model_ns, *np.diff(marks).tolist()])
             if constrained:
                 solved += worst >= QpStatus.SOLVED
                 unsolved += worst > QpStatus.SOLVED
-    free, bounded = (np.array(times[constrained]) * 1e-3 for constrained in (False, True))
+    free, bounded = (1e-3 * np.array(times[constrained]) for constrained in (False, True))
     return {
         "ticks": ticks,
         "solver": str(parameters.solver),
-        "tick_us_p50": _percentile(free, 50),
-        "tick_us_p99": _percentile(free, 99),
-        "constrained_tick_us_p50": _percentile(bounded, 50),
-        "constrained_tick_us_p99": _percentile(bounded, 99),
+        "tick_us_p50": _percentile(free[:, 0], 50),
+        "tick_us_p99": _percentile(free[:, 0], 99),
+        "constrained_tick_us_p50": _percentile(bounded[:, 0], 50),
+        "constrained_tick_us_p99": _percentile(bounded[:, 0], 99),
         "constrained_share": solved / ticks,
         "unsolved": unsolved,
-        **_parts(pair, ticks),
+        **{f"{part}_us_p50": _percentile(free[:, k], 50) for k, part in enumerate(PARTS, 1)},
     }
 
 
@@ -145,28 +144,3 @@ def _monitor(period_s: float) -> TrialMonitor:
 
 def _percentile(values: Array, share: float) -> float:
     return round(float(np.percentile(values, share)), 3)
-
-
-def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
-    arms = pair.arms
-    parts: dict[str, list[int]] = {"model": [], "observe": [], "monitor": [], "command": [], "judge": []}
-    for k in range(ticks):
-        pair.pose(k, False)
-        pair.choose()
-        marks = [time.perf_counter_ns()]
-        for arm in arms:
-            arm.model.update(arm.sample["q"][0], arm.sample["dq"][0])
-        marks.append(time.perf_counter_ns())
-        for arm in arms:
-            arm.observe()
-        marks.append(time.perf_counter_ns())
-        pair.watch()
-        marks.append(time.perf_counter_ns())
-        for arm in arms:
-            arm.command(Mode.ANTE_IMPACT)
-        marks.append(time.perf_counter_ns())
-        pair.judge()
-        marks.append(time.perf_counter_ns())
-        for name, began, ended in zip(parts, marks, marks[1:], strict=False):
-            parts[name].append(ended - began)
-    return {f"{name}_us_p50": _percentile(np.array(values) * 1e-3, 50) for name, values in parts.items()}
