@@ -35,18 +35,23 @@ PAGES = ("/", "/logs", "/trials", "/campaigns", "/api", "/api/openapi.json", "/s
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The environment of a Python that has the wheel's packages, and nothing of the clone."""
     folder = tmp_path_factory.mktemp("wheel")
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    for name in filter(None, listed.split("\0")):
-        if name.startswith(("tests/", "docs/")) or not (ROOT / name).exists():
-            continue
-        (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, folder / "source" / name, follow_symlinks=True)
+    copy_sources(folder / "source")
     install(folder / "source", folder / "installed")
     shutil.rmtree(folder / "source")
     cache = folder / "cache"
     take_compiled(folder / "installed", cache)
     own = {"PYTHONPATH": str(folder / "installed"), "PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": str(cache)}
     return os.environ | own
+
+
+def copy_sources(folder: Path) -> None:
+    """Copy the files of the clone from which a wheel is built, as they are now."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    for name in filter(None, listed.split("\0")):
+        if name.startswith(("tests/", "docs/")) or not (ROOT / name).exists():
+            continue
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, folder / name, follow_symlinks=True)
 
 
 def build(source: Path, folder: Path) -> Path:
