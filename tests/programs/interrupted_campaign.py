@@ -10,7 +10,6 @@ or the PC's power (everything is killed, and the campaign goes on in a copy of i
 Takes 20 s a moment, on two cores.
 """
 
-import argparse
 import csv
 import random
 import shutil
@@ -29,6 +28,7 @@ import psutil
 from rtstack.cells import default_cell_file
 from rtstack.experiments.registry import plan_file
 from rtstack.log.reader import read_log
+from tests.programs import program
 
 FAULTS = ("campaign", "child", "robot", "cable", "STOP", "tracker", "power")
 LEFT, RIGHT = "127.93.7.1", "127.93.7.2"
@@ -96,22 +96,17 @@ def end_all(process: subprocess.Popen[str]) -> None:
     process.wait()
 
 
-def main() -> int:
+def main(moments: int = 40, seed: int = 1, out: Path = Path("out/interrupted")) -> int:
     """Run the program; exit status 1 where a row is lost, there twice, or wrong."""
-    parser = argparse.ArgumentParser(prog="interrupted_campaign")
-    parser.add_argument("--moments", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("out/interrupted"))
-    asked = parser.parse_args()
-    draw, root = random.Random(asked.seed), asked.out.resolve()
+    draw, root = random.Random(seed), out.resolve()
     shutil.rmtree(root, ignore_errors=True)
     root.mkdir(parents=True)
     tracker, cell_file, out = Tracker(), root / "cell.toml", root / "campaign"
     cell_file.write_text(default_cell_file().read_text().replace("127.0.0.1:1341", "{}:{}".format(*tracker.target)))
     plan = root / "plan.toml"
     text = plan_file("reference-spreading-cell").path.read_text()
-    plan.write_text(text.replace("repetitions = 3", f"repetitions = {max(1, asked.moments // 14)}", 1))
-    robot = served(tracker, cell_file, asked.seed)
+    plan.write_text(text.replace("repetitions = 3", f"repetitions = {max(1, moments // 14)}", 1))
+    robot = served(tracker, cell_file, seed)
     done: Counter[str] = Counter()
     said: Counter[str] = Counter()
     folders = recoveries = 0
@@ -120,7 +115,7 @@ def main() -> int:
         command = [RTSTACK, "campaign", str(plan), "--out", str(out), "--workers", "1", "--cell-file", str(cell_file)]
         command += ["--cell", f"fci:{LEFT},{RIGHT}"] + ["--resume"] * (out / "campaign.sqlite").exists()
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-        fault = draw.choice(FAULTS) if sum(done.values()) < asked.moments else ""
+        fault = draw.choice(FAULTS) if sum(done.values()) < moments else ""
         with suppress(subprocess.TimeoutExpired):
             process.wait(draw.uniform(6.0, 18.0) if fault else 1800.0)
         if process.poll() is None:
@@ -171,7 +166,7 @@ def main() -> int:
             said["TRACEBACK"] += 1
         print(f"{sum(done.values())}: {fault or 'to the end'}: {lines[-1][:140] if lines else ''}", flush=True)
         if robot.poll() is not None:
-            robot = served(tracker, cell_file, asked.seed)
+            robot = served(tracker, cell_file, seed)
     end_all(robot)
     tracker.over = True
     rows = list(csv.DictReader((out / "results.csv").read_text().splitlines()))
@@ -196,4 +191,4 @@ def _differs(row: dict[str, str], log: Path) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -270,6 +270,8 @@ def compared(found: Found, expected: Found, checks: bool = True) -> str:
 
 def main(node: Annotated[Path, typer.Option(help="where @mcap/core is installed")], seed: int = 0) -> int:
     """Write, read, compare. Returns 0 where nothing differs that a reader read."""
+    if not (node / "node_modules/@mcap/core").is_dir():
+        raise typer.BadParameter(f"there is no @mcap/core in {node}: see --help for how to install it")
     rng = random.Random(seed)
     print("| file | messages | rtstack | mcap Python | @mcap/core | Rerun |\n|---|---|---|---|---|---|")
     wrong, tally = 0, Counter[str]()

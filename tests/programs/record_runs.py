@@ -34,18 +34,18 @@ class _StopAt:
         return self._left < 0
 
 
-def main() -> None:
+def main(out: Path = FOLDER) -> None:
     description, _ = load_description(None)
-    FOLDER.mkdir(exist_ok=True)
+    out.mkdir(exist_ok=True)
     with TemporaryDirectory() as folder:
         reference = Path(folder) / "ref.mcap"
         demonstrate(reference, description)
-        if not REFERENCE.exists():
+        if not (kept := out / REFERENCE.name).exists():
             prepared = prepare_trial(TrialSpecification(str(reference)), description)
             longest = max(kind.ticks for kind in KINDS)
-            np.savez_compressed(REFERENCE, **kept_reference(prepared.reference, longest))
+            np.savez_compressed(kept, **kept_reference(prepared.reference, longest))
         for kind in KINDS:
-            file = FOLDER / f"{kind.name}.npz"
+            file = out / f"{kind.name}.npz"
             if file.exists():
                 print(f"{kind.name}: {replayed(kind, file, reference, description) or 'the same'}")
             script = Path(folder) / "faults.toml"
