@@ -26,7 +26,8 @@ from console.review.scene import ReviewScenes
 from console.scene.ghost import GhostPlayer
 from console.scene.preview import Planner, Preview
 from console.scene.scenes import Scenes
-from console.sign_in import SessionFile, SignIn, UserSession
+from console.session_file import SessionFile
+from console.sign_in import SignIn, UserSession
 from console.teleoperation.teleop_input import TeleopInput
 from console.training.trainer import Trainer
 from rtstack.access.tokens import Tokens

@@ -1,34 +1,20 @@
-"""Sessions. A browser signs in with a one-time token, then uses a cookie; a program sends a bearer token.
-
-Browsers' sessions outlive the console's process, in a file beside the logs, so that a restart signs no operator out. It
-has the SHA-256 of each cookie, 256 random bits. Control of the robot is not kept: the lease ends by itself.
-"""
+"""Sessions. A browser signs in with a one-time token, then uses a cookie; a program sends a bearer token."""
 
 import hashlib
 import hmac
 import itertools
-import json
 import secrets
 import threading
 import time
-from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import Field
-from pydantic.dataclasses import dataclass as checked
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from console.address import Address
 from console.refused import Refused
-from hal.base.configuration import STRICT
-from hal.base.files import write_whole
+from console.session_file import KeptSession, SessionFile
 from rtstack.access.tokens import Scope, Tokens
 from rtstack.live.audit import AuditTrail
-from rtstack.live.protocol import Operator
-from rtstack.references.acceptance import load_beside
 
-FILE_NAME = "sessions.json"  # in the folder of logs
 _SESSION_S = 12 * 3600.0  # a shift
 _MAX_SESSIONS = 64  # of browsers
 INVITATION_S = 600.0
@@ -39,35 +25,6 @@ CODE_DIGITS, MAX_GUESSES = 6, 5  # guesses of an address before it has to wait
 _ALL_GUESSES = 200  # of all addresses together, at a million: one in 5,000 is right
 _WAIT_S, _LONGEST_S = 15.0, 60.0  # after that many, and at most
 _MAX_NOTED, _NOTED_S = 20, 60.0  # lines about refusals, within so long
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class KeptSession:
-    """A session as it is kept. digest: SHA-256 of its cookie, hexadecimal; ends_s: Unix time, s."""
-
-    digest: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    operator: Operator
-    scope: Scope
-    ends_s: float
-
-
-class SessionFile:
-    """The file. One that is broken, missing or cannot be written signs browsers out at the next restart."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / FILE_NAME
-
-    def load(self) -> dict[str, KeptSession]:
-        """Return the sessions that have not ended, by digest."""
-        with suppress(ValueError):
-            kept = load_beside(self._path, list[KeptSession], ValueError)
-            return {one.digest: one for one in kept if one.ends_s > time.time()}
-        return {}
-
-    def save(self, kept: list[KeptSession]) -> None:
-        """Replace the file. Only this user can read it."""
-        with suppress(OSError):
-            write_whole(self._path, json.dumps([asdict(one) for one in kept], indent=1), mode=0o600)
 
 
 @dataclass(frozen=True, slots=True)

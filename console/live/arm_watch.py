@@ -1,84 +1,24 @@
-"""What one arm last said, how old that is, and how well the loop keeps time, from their rings."""
+"""What one arm last said, and how old that is, from its rings."""
 
 from collections import deque
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import CONTROL_PERIOD_S
 from hal.robot_errors import error_names
 from hal.state import RobotMode
-from rtstack.log.ring import RingReader, Rings
+from rtstack.log.ring import Rings
 from rtstack.loop.standstill import REST_DQ
 from rtstack.model.cell_description import ArmMounting, Frame, base_frame
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import Mode
 
-_WINDOW = 2000  # ticks, 2 s: what period, p99 and missed share are about
-_PERIOD_US = 1e6 * CONTROL_PERIOD_S
-# libfranka leaves 300 us of a period to the answer (docs, "system requirements"; `rtstack check` has the same bound)
-_LATE_US = 300.0
-_GOOD = 0.95  # share of answers in time below which libfranka speaks of many lost packets (communication_test.cpp)
 _PEAK_SAMPLES = 3  # 60 ms: a page sees a view every 50 ms
 _GAP_NS = 200_000_000  # a longer one is no motion that was seen
 NEVER_S = 1e6  # an age before the first record
 _ROBOT_MODES, _MODES = ({int(member): member.name for member in kind} for kind in (RobotMode, Mode))
-
-
-class Keeping(StrEnum):
-    """How well something keeps time: as it should, so that it is to be looked after, so that the robot may give up."""
-
-    GOOD = "good"
-    LATE = "late"
-    BAD = "bad"
-
-
-@dataclass(frozen=True, slots=True)
-class LoopView:
-    """The loop over the last 2 s. Periods us; None before the first tick; missed since the console started.
-
-    lateness: what the 99th percentile of the periods means; losses: what the ticks that were missed in the 2 s mean.
-    """
-
-    period_us: float | None = None
-    period_p99_us: float | None = None
-    missed: int = 0
-    lateness: Keeping = Keeping.GOOD
-    losses: Keeping = Keeping.GOOD
-
-
-class LoopWatch:
-    """Follows /timing."""
-
-    def __init__(self, reader: RingReader) -> None:
-        self._reader = reader
-        self._periods = np.empty(0)
-        self._missed_each = np.empty(0)  # ticks missed before each of the newest records
-        self._missed = self._counted = 0
-
-    def view(self) -> LoopView:
-        """Take the ticks since the last call, and return the view over the newest."""
-        records = self._reader.drain()
-        if len(records):
-            periods = records["period_us"]
-            self._periods = np.concatenate([self._periods, periods[np.isfinite(periods)]])[-_WINDOW:]
-            counts = np.concatenate([[self._counted], records["missed_deadlines"]])
-            steps = np.diff(counts)  # each job counts from zero again
-            missed = np.where(steps >= 0, steps, counts[1:])
-            self._missed += int(missed.sum())
-            self._missed_each = np.concatenate([self._missed_each, missed])[-_WINDOW:]
-            self._counted = int(counts[-1])
-        if not len(self._periods):
-            return LoopView(missed=self._missed)
-        p99_us = float(np.percentile(self._periods, 99))
-        lost = float(self._missed_each.sum())
-        in_time = 1.0 - lost / (lost + len(self._missed_each))
-        lateness = Keeping.GOOD if p99_us < _PERIOD_US + _LATE_US else Keeping.LATE
-        losses = Keeping.GOOD if lost == 0.0 else Keeping.LATE if in_time >= _GOOD else Keeping.BAD
-        return LoopView(float(self._periods.mean()), p99_us, self._missed, lateness, losses)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from console.live.arm_watch import NEVER_S, ArmView, ArmWatch, LoopView, LoopWatch
+from console.live.arm_watch import NEVER_S, ArmView, ArmWatch
 from console.live.heartbeats import OperatorHeartbeats
+from console.live.loop_watch import LoopView, LoopWatch
 from console.live.remedies import Remedy, remedy_of
 from hal.desk import Desk, DeskState, Trust
 from hal.errors import HardwareError

@@ -8,7 +8,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from console.queue.queue import Entry, EntryState, Queue
+from console.queue.entry import Entry, EntryState
+from console.queue.queue import Queue
 from console.refused import Refused
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Job, JobState, Phase, RunRequest, Status

@@ -19,7 +19,7 @@ from pydantic.dataclasses import dataclass as checked
 from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
 from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts, check_objects, takes_two_arms
-from console.queue.queue import MOST_SHIFT_MM, Numbers, numbers
+from console.queue.entry import MOST_SHIFT_MM, Numbers, numbers
 from console.routes.problems import attachment, file_of, problems
 from console.sign_in import UserSession
 from hal.base.configuration import ConfigurationError

@@ -8,7 +8,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts, check_objects, takes_two_arms
-from console.queue.queue import MAX_ENTRIES, QueueOrder, QueueView, SweepOrder, SweepSize
+from console.queue.entry import QueueOrder, QueueView, SweepOrder, SweepSize
+from console.queue.queue import MAX_ENTRIES
 from console.refused import Refused
 from console.routes.control import request_stop
 from console.routes.jobs import followed_by

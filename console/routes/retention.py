@@ -8,7 +8,7 @@ from fastapi import APIRouter, Body, Path
 from fastapi.exceptions import HTTPException
 
 from console.parts import NeedsParts, NeedsSession, Parts, written_now
-from console.queue.queue import EntryState
+from console.queue.entry import EntryState
 from console.refused import Refused
 from console.review.logs import growing, listed
 from console.routes.problems import problems

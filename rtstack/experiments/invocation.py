@@ -13,7 +13,8 @@ from distributed import Client
 from hal.extensions import PLUG_INS_RAISE, raised
 from rtstack.experiments import attempts
 from rtstack.experiments.cell.host import CellHost
-from rtstack.experiments.cell.runner import CellRunner, schedule_of
+from rtstack.experiments.cell.runner import CellRunner
+from rtstack.experiments.cell.schedule import schedule_of
 from rtstack.experiments.comparison import compare
 from rtstack.experiments.experiment import DIRECT, Experiment, Results
 from rtstack.experiments.progress import campaign_progress

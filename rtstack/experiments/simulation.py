@@ -9,7 +9,8 @@ from typing import Any
 from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.experiments.experiment import Case, CellRun, Experiment, Row, Task, row_of
+from rtstack.experiments.case_log import row_of
+from rtstack.experiments.experiment import Case, CellRun, Experiment, Row, Task
 from rtstack.trials.carry_out import Host, PreparedRun, R, carry_out
 from rtstack.trials.record import RunLog
 from rtstack.trials.run_context import NO_CONTEXT, RunContext

@@ -7,9 +7,10 @@ result.single_step.impulses     # what one step says
 single_step(problem_from_arrays(M, J, velocity, friction)).velocity     # of any bodies
 """
 
+from rtstack.impact_map.arrays import problem_from_arrays
 from rtstack.impact_map.coulomb import ContactState, LawResiduals
 from rtstack.impact_map.map import converged, impact_map, pressed, single_step
-from rtstack.impact_map.models import problem_from_arrays, problem_from_mujoco, problem_from_urdf
+from rtstack.impact_map.models import problem_from_mujoco, problem_from_urdf
 from rtstack.impact_map.patch import frame_of
 from rtstack.impact_map.problem import Problem, problem_of
 from rtstack.impact_map.result import Impact, ImpactMap, MapKind, Status

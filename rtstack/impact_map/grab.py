@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from hal.base.arrays import Array, seven
 from hal.pad import Pad
+from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.map import impact_map
-from rtstack.impact_map.problem import moved_to
 from rtstack.impact_map.result import ImpactMap, MapKind
 from rtstack.impact_map.scene import Arm, Box, Contact, Plane, ReflectedInertia, Scene, SceneError
 from rtstack.model.arm_model import ArmModel

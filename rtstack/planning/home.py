@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hal.base.arrays import Array
+from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.grab import POSTURE_JOINT, placed
-from rtstack.impact_map.problem import moved_to
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.model.clearance import ARM_DISTANCE_M, Clearance

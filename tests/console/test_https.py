@@ -16,7 +16,8 @@ import pytest
 
 import console.sign_in
 from console.address import Address
-from console.sign_in import CODE_DIGITS, MAX_GUESSES, PAIRING_S, SessionFile, SignIn
+from console.session_file import SessionFile
+from console.sign_in import CODE_DIGITS, MAX_GUESSES, PAIRING_S, SignIn
 from hal.base.configuration import ConfigurationError
 from rtstack.access.authority import Authority
 from rtstack.access.tokens import Scope, Tokens

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from console.orders import TrialOrder
-from console.queue.queue import Entry
+from console.queue.entry import Entry
 from rtstack.access.tokens import Scope
 from rtstack.log_folder.remarks import mark_reviewed, may_go
 from rtstack.log_folder.trash import FOLDER

@@ -10,17 +10,8 @@ import httpx
 import pytest
 
 from console.orders import TrialOrder
-from console.queue.queue import (
-    FILE_NAME,
-    INTERRUPTED,
-    MAX_ENTRIES,
-    Entry,
-    EntryState,
-    Queue,
-    QueueOrder,
-    load_entries,
-    time_left_s,
-)
+from console.queue.entry import Entry, EntryState, QueueOrder
+from console.queue.queue import FILE_NAME, INTERRUPTED, MAX_ENTRIES, Queue, load_entries, time_left_s
 from console.refused import Refused
 from rtstack.cells import default_cell_file
 from rtstack.live.protocol import JobState

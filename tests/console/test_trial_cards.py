@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from console.orders import TrialOrder
-from console.queue.queue import Entry, EntryState
+from console.queue.entry import Entry, EntryState
 from console.routes.trials import Measure, means_of
 from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log

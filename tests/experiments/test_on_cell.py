@@ -20,9 +20,11 @@ from rtstack.cells import default_cell_file
 from rtstack.cli.terminal import Terminal
 from rtstack.experiments import attempts
 from rtstack.experiments.attempts import Attempt, Kind, aborted
+from rtstack.experiments.case_log import row_of
 from rtstack.experiments.cell.reset import Reset, instruction
-from rtstack.experiments.cell.runner import CellRunner, CellSchedule, control_case, ordered
-from rtstack.experiments.experiment import CellRun, Experiment, row_of
+from rtstack.experiments.cell.runner import CellRunner
+from rtstack.experiments.cell.schedule import CellSchedule, control_case, ordered
+from rtstack.experiments.experiment import CellRun, Experiment
 from rtstack.experiments.registry import kind_named
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
@@ -396,6 +398,6 @@ def test_a_kind_that_raises_on_a_log_is_named_in_one_line(monkeypatch):
         def row_of_log(self, case, log):
             raise ValueError("cannot reshape")
 
-    monkeypatch.setattr("rtstack.experiments.experiment.case_log", lambda *asked: SimpleNamespace(metadata={}))
+    monkeypatch.setattr("rtstack.experiments.case_log.case_log", lambda *asked: SimpleNamespace(metadata={}))
     with pytest.raises(TrialError, match=r"test_on_cell\..*Broken: row_of_log of a case: ValueError: cannot reshape"):
         row_of(Broken(), OneCase("a case", 0), Path("log.mcap"))

@@ -7,8 +7,8 @@ import pytest
 
 from rtstack.control.records import POINT
 from rtstack.impact_map import Contact, MapKind, SceneError, Status, impact_map, problem_of
+from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.grab import grab_impact, grab_scene, joint_state
-from rtstack.impact_map.problem import moved_to
 from rtstack.planning import GrabPlan, plan_grab
 from tests.support.impact_map.scenes import LEFT_Q, MIRROR
 

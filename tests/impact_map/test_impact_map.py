@@ -23,8 +23,8 @@ from rtstack.impact_map import (
     problem_of,
     single_step,
 )
+from rtstack.impact_map.bodies import arm_body
 from rtstack.impact_map.patch import Face, face_on_face
-from rtstack.impact_map.problem import arm_body
 from rtstack.impact_map.scene import DEFAULT_PAD
 from tests.support.impact_map.scenes import LEFT_Q, MIRROR
 

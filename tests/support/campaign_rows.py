@@ -6,8 +6,9 @@ import numpy as np
 
 from rtstack.experiments.registry import plan_file
 from rtstack.experiments.store import columns_of, stored
-from rtstack.papers.reference_spreading.claims import Evaluation, judge_claims
+from rtstack.papers.reference_spreading.claims import judge_claims
 from rtstack.papers.reference_spreading.controllers import NAMES, Controller
+from rtstack.papers.reference_spreading.evaluation import Evaluation
 from rtstack.papers.reference_spreading.measures import Measures
 from rtstack.papers.reference_spreading.plan import Trial, load_plan
 from rtstack.trials.result import TrialResult

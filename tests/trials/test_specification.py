@@ -11,7 +11,8 @@ from pydantic.dataclasses import dataclass as checked
 from typer.testing import CliRunner
 
 from console.orders import DemonstrationOrder, MoveOrder, PlaybackOrder, TeleoperationOrder, TrialOrder
-from console.queue.queue import SweepOrder, load_entries
+from console.queue.entry import SweepOrder
+from console.queue.queue import load_entries
 from rtstack.cli.options import asks_for
 from rtstack.messages import MESSAGE
 from rtstack.samples import LawInertia, Reaction

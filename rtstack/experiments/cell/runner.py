@@ -1,97 +1,30 @@
-"""Runs a campaign on a cell's arms, one case after the other. A case's log is the truth: its row is read from it.
-
-Its schedule: the order of a plan's cases on arms, with pauses and control cases between them.
-"""
+"""Runs a campaign on a cell's arms, one case after the other. A case's log is the truth: its row is read from it."""
 
 import json
-import random
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
-from itertools import count, groupby
+from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any
 
-from pydantic import Field
-from pydantic.dataclasses import dataclass as checked
-
-from hal.base.configuration import STRICT, ConfigurationError, NotNegative, Positive
+from hal.base.configuration import ConfigurationError
 from rtstack.experiments.attempts import Attempt, Kind, aborted
+from rtstack.experiments.case_log import case_log, row_of
 from rtstack.experiments.cell.host import CellHost
 from rtstack.experiments.cell.reset import Reset, ResetAborted
-from rtstack.experiments.experiment import Case, CellRun, Stage, case_log, row_of
+from rtstack.experiments.cell.schedule import control_case, ordered, schedule_of
+from rtstack.experiments.experiment import Case, CellRun, Stage
 from rtstack.experiments.runner import Runner
 from rtstack.loop.end import End
 from rtstack.trials.carry_out import PreparedRun
 from rtstack.trials.errors import TrialError
 from rtstack.trials.start_motion import WayRefused
 
-C = TypeVar("C", bound=Case)
 RESETS = "resets"  # the folder of the logs of what brings arms and object to where a case begins
 LOOK_S = 0.2  # between two looks at a person's work, or whether a pause is over
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class CellSchedule:
-    """The table `on_cell` of a plan: docs/howto/campaign.md. No row of the simulator depends on it.
-
-    seed: of the order within the blocks. control: id of the case that is repeated at the beginning, every control_every
-    cases and at the end, for the columns `drift`; warm_up: how often before everything. work_min, rest_min: pauses.
-    failures_in_a_row: then the campaign stops. late_cycles: a case with more is run again, `attempts` times at most.
-    placed_by: who sets the object in its place.
-    """
-
-    seed: Annotated[int, Field(ge=0)] = 0
-    control: str | None = None
-    control_every: Annotated[int, Field(ge=1, le=1000)] = 20
-    drift: tuple[str, ...] = ()
-    warm_up: Annotated[int, Field(ge=0, le=100)] = 0
-    work_min: Positive | None = None
-    rest_min: NotNegative = 0.0
-    failures_in_a_row: Annotated[int, Field(ge=1, le=1000)] = 10
-    late_cycles: Annotated[int, Field(ge=0)] | None = None
-    attempts: Annotated[int, Field(ge=1, le=10)] = 3
-    placed_by: Literal["arms", "person"] = "arms"
-
-
-def schedule_of(specification: object) -> CellSchedule:
-    """Return the schedule of a plan: its field `on_cell`, and where it has none the default."""
-    return getattr(specification, "on_cell", None) or CellSchedule()
-
-
-def ordered(
-    cases: Iterable[C], schedule: CellSchedule, digest: str, setup: Callable[[C], str] = lambda case: "",
-    begin: str = "",
-) -> list[C]:  # fmt: skip
-    """Return all cases of a plan in the order in which they run, which a plan fixes. begin: how the cell is set up.
-
-    A block is a repetition of everything, drawn, so that what drifts is spread over all conditions; in it cases of one
-    set-up, which a person changes, follow each other, first those of the present one.
-    """
-    draw = random.Random(f"{digest}.{schedule.seed}")
-    found: list[C] = []
-    for _, block in groupby(sorted(cases, key=_block), key=_block):
-        drawn = draw.sample(members := list(block), len(members))
-        setups = list(dict.fromkeys([begin, *map(setup, drawn)]))
-        found += sorted(drawn, key=lambda case: setups.index(setup(case)))
-        begin = setup(found[-1])
-    return found
-
-
-def _block(case: Case) -> int:
-    return getattr(case, "repetition", 0)
-
-
-def control_case(cases: Sequence[C], schedule: CellSchedule) -> C | None:
-    """Return the case that is repeated, None for none. Raises TrialError where the plan has none of this id."""
-    if schedule.control is None:
-        return None
-    found = next((case for case in cases if case.id == schedule.control), None)
-    if found is None:
-        raise TrialError(f"key on_cell.control: the plan has no case {schedule.control}, but such as {cases[0].id}")
-    return found
 
 
 class CellRunner(Runner):

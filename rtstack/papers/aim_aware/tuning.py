@@ -24,9 +24,9 @@ from rich.progress import track
 
 from hal.base.configuration import ConfigurationError, toml_text
 from rtstack.experiments.registry import plan_file
+from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.outline import Case, Column, Found, Outline, digest_of, tuning_file
 from rtstack.papers.aim_aware.study import Study, Tuned
-from rtstack.papers.aim_aware.worker import Impact, plan_case, simulate_case
 
 SEPARATIONS = "separations: of each candidate for r_b, by tuning; none: wanted and unwanted cases cannot be told apart"
 LARGE = 1e3  # a bound that is never reached

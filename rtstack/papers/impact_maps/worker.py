@@ -22,7 +22,8 @@ from hal.limits import CONTROL_PERIOD_S
 from rtstack.control.impedance import factor_mass, task_inertia
 from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.tick import ArmController
-from rtstack.experiments.experiment import CellRun, Row, recorded_result
+from rtstack.experiments.case_log import recorded_result
+from rtstack.experiments.experiment import CellRun, Row
 from rtstack.experiments.seeds import seed_of
 from rtstack.identification.procedure import Identification, sweep_log
 from rtstack.impact_map import ReflectedInertia

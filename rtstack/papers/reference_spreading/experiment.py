@@ -116,7 +116,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
     def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
         """Take the rows of trials from their logs, which are the truth."""
-        from rtstack.experiments.experiment import row_of
+        from rtstack.experiments.case_log import row_of
 
         archive = self._bench.archive
         logs = archive.names(LOGS)

@@ -22,8 +22,8 @@ from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
 from rtstack.palette import MODE_STYLES
-from rtstack.papers.reference_spreading.claims import Evaluation
 from rtstack.papers.reference_spreading.controllers import COLOURS, MARKERS, NAMES, Controller, name_of
+from rtstack.papers.reference_spreading.evaluation import Evaluation
 from rtstack.papers.reference_spreading.measures import Passage, hit_arm, passage
 from rtstack.papers.reference_spreading.plan import Hands, combination_name
 from rtstack.references.recording import Recording

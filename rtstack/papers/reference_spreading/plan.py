@@ -10,7 +10,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.base.configuration import STRICT, ConfigurationError, Positive, load_toml
-from rtstack.experiments.cell.runner import CellSchedule
+from rtstack.experiments.cell.schedule import CellSchedule
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.registration import PlannedClaim, Registration, check_claims
 from rtstack.experiments.seeds import seed_of

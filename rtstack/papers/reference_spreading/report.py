@@ -15,9 +15,10 @@ from rtstack.experiments.statistics import Interval, stratified_mean
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.conditions import RECORDINGS, Reference
 from rtstack.papers.demonstrations import Bench
-from rtstack.papers.reference_spreading.claims import FIGURE11, PAPER_TABLE2, TABLE2, Evaluation, judge_claims, place_of
-from rtstack.papers.reference_spreading.claims import every as counted
+from rtstack.papers.reference_spreading.claims import judge_claims
 from rtstack.papers.reference_spreading.controllers import NAMES, Controller, millimetres, name_of
+from rtstack.papers.reference_spreading.evaluation import FIGURE11, PAPER_TABLE2, TABLE2, Evaluation, place_of
+from rtstack.papers.reference_spreading.evaluation import every as counted
 from rtstack.papers.reference_spreading.figures import figure5, figure8, figure10, figure11, figure_hands, logged_trial
 from rtstack.papers.reference_spreading.plan import Plan
 from rtstack.references.recording import load_recording

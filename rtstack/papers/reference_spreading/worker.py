@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from rtstack.cells import with_profile
-from rtstack.experiments.experiment import CellRun, Row, recorded_result
+from rtstack.experiments.case_log import recorded_result
+from rtstack.experiments.experiment import CellRun, Row
 from rtstack.log.reader import Log
 from rtstack.loop.history import Columns
 from rtstack.papers.conditions import LOGS, RECORDINGS, Conditions, Reference

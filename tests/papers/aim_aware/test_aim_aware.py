@@ -8,10 +8,11 @@ from hal.base.configuration import ConfigurationError
 from rtstack.cli.app import main
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.papers.aim_aware.claims import LETTERS, SHARED, Bands, at_contact, bands, evaluated
+from rtstack.papers.aim_aware.classification import plan_case, simulate_case
 from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.study import load_run
 from rtstack.papers.aim_aware.tuning import Need, find, separate
-from rtstack.papers.aim_aware.worker import plan_case, run_cases, simulate_case
+from rtstack.papers.aim_aware.worker import run_cases
 
 DEGREES = [float(deg) for deg in range(-10, 11)]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rtstack.control.observer import momentum_residual
+from rtstack.papers.aim_aware.classification import plan_case, simulate_case
 from rtstack.papers.aim_aware.outline import Case
-from rtstack.papers.aim_aware.worker import plan_case, simulate_case
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "docs/generate"))
 

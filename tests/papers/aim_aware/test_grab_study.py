@@ -10,8 +10,9 @@ from hal.base.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.registry import plan_file
-from rtstack.papers.aim_aware.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, GrabOutcome, load_judged
+from rtstack.papers.aim_aware.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, load_judged
 from rtstack.papers.aim_aware.grab.report import report, summarise
+from rtstack.papers.aim_aware.grab.worker import GrabOutcome
 from rtstack.trials.monitoring import tuning_of
 from rtstack.trials.unexpected import Unexpected
 

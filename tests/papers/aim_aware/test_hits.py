@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from rtstack.experiments.experiment import Request, case_log
+from rtstack.experiments.case_log import case_log
+from rtstack.experiments.experiment import Request
 from rtstack.experiments.registry import plan_file
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rtstack.papers.reference_spreading.claims import Evaluation
+from rtstack.papers.reference_spreading.evaluation import Evaluation
 from rtstack.papers.reference_spreading.report import COMPARED, OURS, THEIRS, judge_beyond, summary
 from tests.support.campaign_rows import row, rows, verdicts
 

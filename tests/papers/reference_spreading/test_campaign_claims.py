@@ -4,8 +4,9 @@ import pytest
 
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.registry import plan_file
-from rtstack.papers.reference_spreading.claims import AFTER_S, JUDGES, Evaluation, judge_claims, kind_of, went_on
+from rtstack.papers.reference_spreading.claims import JUDGES, judge_claims
 from rtstack.papers.reference_spreading.controllers import Controller
+from rtstack.papers.reference_spreading.evaluation import AFTER_S, Evaluation, kind_of, went_on
 from rtstack.papers.reference_spreading.figures import figure_hands
 from rtstack.papers.reference_spreading.plan import Hands, load_plan
 from rtstack.samples import LawInertia

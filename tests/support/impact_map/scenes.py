@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rtstack.impact_map import Arm, Box, Contact, Plane, ReflectedInertia, Scene
-from rtstack.impact_map.problem import arm_body
+from rtstack.impact_map.bodies import arm_body
 from rtstack.impact_map.scene import DEFAULT_PAD
 
 KINDS = ("grab", "grab", "push", "fall", "stack")

@@ -9,9 +9,10 @@ from rtstack.experiments.experiment import Results
 from rtstack.experiments.report import Figure, Report
 from rtstack.papers.aim_aware.arm.study import ArmRun
 from rtstack.papers.aim_aware.arm.worker import judged_case
+from rtstack.papers.aim_aware.figures import figure6
 from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.platform.plan import IN_PLANE
-from rtstack.papers.aim_aware.report import figure6, save_signals, study_report
+from rtstack.papers.aim_aware.report import save_signals, study_report
 
 SHOWN_DEG = (-8.0, 0.0, 4.0)  # inclinations in the figure of single hits, at the first approach angle
 

@@ -21,10 +21,10 @@ from hal.base.arrays import seven
 from hal.base.configuration import ConfigurationError
 from rtstack.papers.aim_aware.arm.study import ArmStudy, ArmTuned, Rates, platform_files
 from rtstack.papers.aim_aware.arm.worker import LARGE, Twist, learn, nominal_hits, prior, tuning_hit
+from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.outline import Case, Found, digest_of
 from rtstack.papers.aim_aware.platform.plan import PERIOD_S
 from rtstack.papers.aim_aware.tuning import Need, need, separate, write_tuning
-from rtstack.papers.aim_aware.worker import Impact
 
 SETTLED = 50  # ticks: the observer has started
 BEFORE = 30  # ticks before the planned impact, in which no contact is possible

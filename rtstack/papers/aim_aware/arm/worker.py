@@ -23,12 +23,13 @@ from rtstack.loop.end import End
 from rtstack.model.cell_description import ArmMounting
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.arm.study import ArmRun, ArmStudy, Rates, Setup, platform_cell_file, platform_files
+from rtstack.papers.aim_aware.classification import Impact
 from rtstack.papers.aim_aware.outline import Case
 from rtstack.papers.aim_aware.planar.parameters import Task
 from rtstack.papers.aim_aware.planar.plan import approach_velocity
 from rtstack.papers.aim_aware.platform.hit import Hit, PreparedHit, hit_parameters, ticks_of
 from rtstack.papers.aim_aware.platform.plan import AXES, PERIOD_S, HitPlan, plan_hit
-from rtstack.papers.aim_aware.worker import Impact, verdict_columns, verdicts
+from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
 from rtstack.papers.demonstrations import campaign_record, record_of
 from rtstack.papers.simulated_cell import BuiltCell
 from rtstack.trials.carry_out import carry_out

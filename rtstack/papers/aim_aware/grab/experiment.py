@@ -18,8 +18,8 @@ class GrabStudy(Experiment[Judged, GrabCase]):
 
     def __init__(self, specification: Judged, request: Request) -> None:
         from rtstack.cells import load_description
-        from rtstack.papers.aim_aware.grab.cases import GrabBench, GrabOutcome
         from rtstack.papers.aim_aware.grab.report import JUDGES
+        from rtstack.papers.aim_aware.grab.worker import GrabBench, GrabOutcome
         from rtstack.papers.demonstrations import Bench
         from rtstack.papers.simulated_cell import plant_files
         from rtstack.trials.monitoring import tuning_of
@@ -57,7 +57,7 @@ class GrabStudy(Experiment[Judged, GrabCase]):
         return self.specification.cases()
 
     def tasks(self, cases: Sequence[GrabCase]) -> Iterable[Task]:
-        from rtstack.papers.aim_aware.grab.cases import run_case
+        from rtstack.papers.aim_aware.grab.worker import run_case
 
         return [Task(case.id, run_case, (self._grab, case), (case,)) for case in cases]
 

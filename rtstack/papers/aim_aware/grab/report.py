@@ -16,7 +16,8 @@ from rtstack.experiments.registration import Finding, Judge, PlannedClaim, judge
 from rtstack.experiments.report import PAGE, Figure, Report, Section
 from rtstack.experiments.statistics import Interval, proportion
 from rtstack.figures.style import STYLE, new_figure, save
-from rtstack.papers.aim_aware.grab.cases import FURTHER, TRUE_KIND, FaultKind, GrabOutcome
+from rtstack.papers.aim_aware.grab.cases import FURTHER, TRUE_KIND, FaultKind
+from rtstack.papers.aim_aware.grab.worker import GrabOutcome
 from rtstack.trials.unexpected import Unexpected
 
 WANTED_FOUND, WANTED_FALSE = 0.99, 0.01  # the mark
