@@ -71,6 +71,14 @@ def test_nothing_is_loaded_from_elsewhere(site):
     assert (site / "search/search_index.json").stat().st_size > 10_000
 
 
+def test_the_first_page_is_the_readme(site):
+    text = "".join(_read(site / "index.html").text)
+    readme = (ROOT / "README.md").read_text()
+    for line in re.findall(r"^(?:## |make )(.+)$", readme, re.MULTILINE):
+        assert line in text
+    assert "All pages" in text
+
+
 def test_the_command_line_page_has_every_command_and_option(site):
     text = "".join(_read(site / "reference/commands.html").text)
     assert len(commands()) > 15
