@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -171,16 +172,12 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
         hold_rad=_rounded([hold.rad for hold in holds]),
         hold_rad_s=_rounded([hold.rad_s for hold in holds]),
         hold_nm=_rounded([hold.nm for hold in holds]),
-        tau_ext_mean_nm=_lists([hold.estimate[:, :7].mean(axis=0) for hold in holds]),
-        tau_ext_sd_nm=_lists([hold.estimate[:, :7].std(axis=0) for hold in holds]),
+        tau_ext_mean_nm=_rounded([hold.estimate[:, :7].mean(axis=0) for hold in holds]),
+        tau_ext_sd_nm=_rounded([hold.estimate[:, :7].std(axis=0) for hold in holds]),
         lateness=cycles.lateness(),
-        O_F_ext_mean=_lists([hold.estimate[:, 7:].mean(axis=0) for hold in holds]),
+        O_F_ext_mean=_rounded([hold.estimate[:, 7:].mean(axis=0) for hold in holds]),
     )
 
 
-def _lists(values: Sequence[np.ndarray]) -> tuple[list[float], ...]:
-    return tuple(np.round(row, 4).tolist() for row in values)
-
-
-def _rounded(values: Sequence[float] | np.ndarray) -> tuple[float, ...]:
-    return tuple(round(float(value), 4) for value in values)
+def _rounded(values: Sequence[float] | Sequence[np.ndarray] | np.ndarray) -> tuple[Any, ...]:
+    return tuple(np.round(values, 4).tolist())
