@@ -55,21 +55,15 @@ def tick(_folder: Path) -> str:
     import pinocchio as pin
 
     from rtstack.cells import load_description
-    from rtstack.control.modes import ModeMachine, Strategy
-    from rtstack.control.records import POINT
     from rtstack.samples import Mode
     from rtstack.trials.assembly import arm_controllers, default_parameters
 
     cell, parameters = load_description(None)[0], default_parameters()
     arm, K, e = arm_controllers(cell, parameters)[0], parameters.control.stiffness, np.array([4e-4, -3e-4, 2e-4])
-    q, rest, point = np.array(cell.arms[0].home), np.zeros(7), np.zeros(1, POINT)
+    q, rest, goal = np.array(cell.arms[0].home), np.zeros(7), arm.setpoint
     seen = arm.observed_at(q)
-    point["position"], point["rotation"], point["xi"] = seen["position"] + e, seen["rotation"], q[0]
-    machine = ModeMachine(Strategy.PROPOSED, parameters.control, 1e9)
-    machine.begin(Mode.ANTE_IMPACT)
-    arm.follow(point, point)
+    goal["position"], goal["rotation"], goal["xi"] = seen["position"] + e, seen["rotation"], q[0]
     arm.pursue(K, parameters.control.posture_gain)
-    arm.choose(0, machine)
     arm.command(Mode.ANTE_IMPACT)
     model = arm.model.pin_model.copy()
     model.armature, data = cell.arms[0].robot.B_theta, model.createData()
@@ -148,8 +142,7 @@ def _run(name: str, folder: Path) -> int:
     print(f"{name:<6}", end="", flush=True)
     began_s, status = time.monotonic(), 0
     try:
-        for extra in extras:
-            require(extra)
+        list(map(require, extras))
     except ConfigurationError as error:
         print(f"skipped, {error}", flush=True)
         return 0
