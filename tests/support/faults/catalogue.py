@@ -145,7 +145,8 @@ FAULTS = (
     Fault(
         "NaN torque", "the controller desires a torque that is no number",
         Performed(injected.nan_torque),
-        Expected(STOP, f"{SAFETY}left: .*not finite"), Expected(NO_MOTION, "not finite"),
+        Expected(STOP, f"{SAFETY}left: joint 3: the desired torque is nan"),
+        Expected(NO_MOTION, "the desired torque is nan"),
     ),
     Fault(
         "torque of 200 Nm", "the controller desires 200 Nm of joint 1 for good: limited at once, and then stopped",
