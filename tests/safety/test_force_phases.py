@@ -69,6 +69,28 @@ def test_a_phase_holds_from_the_tick_in_which_it_is_expected():
         assert judge.judge(sample, residual=residual) is verdict
 
 
+@pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (-1, 0, 1), (1, 1, 1)])
+def test_a_force_counts_by_its_size_in_any_direction(direction):
+    force = CELL.force_by_phase[ForcePhase.IMPACT] * np.array(direction) / np.linalg.norm(direction)
+    for share, reason in ((0.999, Cause.NONE), (1.001, Cause.FORCE)):
+        sample, judge = np.zeros(1, ARM_SAMPLE), SafetyJudge(CELL)
+        sample["q"] = 0.5 * (np.array(HARDWARE.q_lower) + HARDWARE.q_upper)
+        sample["O_T_EE"] = np.eye(4)
+        sample["O_F_ext_hat_K"][0] = [*share * force, 0.0, 0.0, 0.0]
+        judge.expect(ForcePhase.IMPACT)
+        judge.judge(sample)
+        assert judge.reason is reason
+
+
+def test_another_residual_is_judged_with_the_same_sample():
+    sample, judge = np.zeros(1, ARM_SAMPLE), SafetyJudge(CELL)
+    sample["q"] = 0.5 * (np.array(HARDWARE.q_lower) + HARDWARE.q_upper)
+    sample["O_T_EE"] = np.eye(4)
+    assert judge.judge(sample, residual=np.zeros(7)) is Judgement.PASS
+    assert judge.judge(sample, residual=np.full(7, 1e3)) is Judgement.STOPPING
+    assert judge.reason is Cause.RESIDUAL
+
+
 def test_no_phase_is_wider_than_the_one_before():
     limits = CELL.tightened({"tau_ext_max": [8.0] * 7, "force_max": 30.0})
     assert np.all(np.diff(limits.tau_ext_by_phase, axis=0) <= 0.0)

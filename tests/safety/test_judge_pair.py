@@ -91,6 +91,14 @@ def test_each_judge_knows_the_body_of_the_other_arm():
             np.testing.assert_array_equal(one[f"other_{field}"], other[field])
 
 
+def test_one_arm_has_a_judge_alone_and_two_want_a_base_and_a_pad_each():
+    (alone,) = judges_of((HARDWARE,), (LEFT,), (Tool(),))
+    for _ in range(3):  # no other arm's silence matters
+        assert alone.judge(arm_sample(5)) is Judgement.PASS
+    with pytest.raises(ValueError, match="shorter"):
+        judges_of((HARDWARE, HARDWARE), (LEFT, RIGHT), (Tool(),))
+
+
 def test_arms_that_are_too_close_stop_both_of_them():
     judges = _pair()
     assert _both(judges, 0) == (Judgement.PASS, Judgement.PASS)
