@@ -27,17 +27,17 @@ def folder() -> Iterator[Path]:
         yield Path(made)
 
 
-def _started(folder: Path) -> subprocess.Popen[str]:
+def _started(folder: Path, *options: str) -> subprocess.Popen[str]:
     """Start it in an empty folder, which is also home and holds temporary files, with this user's compiled code."""
     own = {"HOME": str(folder), "TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(cache_folder())}
-    command = [sys.executable, "-W", "error", "-m", "rtstack.selftest"]
+    command = [sys.executable, *options, "-m", "rtstack.selftest"]
     return subprocess.Popen(
         command, cwd=folder, env=os.environ | own, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
 
 
 def test_each_part_of_this_installation_is_ok_and_nothing_is_left(folder: Path) -> None:
-    out, errors = (run := _started(folder)).communicate(timeout=250)
+    out, errors = (run := _started(folder, "-W", "error")).communicate(timeout=250)
     assert (run.returncode, errors) == (0, ""), out
     assert [line.split(maxsplit=2)[:2] for line in out.splitlines()] == [[name, "ok,"] for name in selftest.PARTS]
     assert list(folder.iterdir()) == []
