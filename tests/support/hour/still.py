@@ -40,7 +40,7 @@ began = time.perf_counter()
 cell_controller(description, cell_parameters(description), following(Strategy.PROPOSED), 0.0)
 print(time.perf_counter() - began)
 """
-COMPILE_S = 60.0  # README: some thirty seconds
+COMPILE_S = 60.0  # some thirty on two processors
 CONNECTIONS = 3
 READ_BACK_STATES = 200
 ESTIMATE_N = 9.0  # rtstack.trials.estimate: above it a trial is refused
