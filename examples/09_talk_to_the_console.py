@@ -40,6 +40,8 @@ class Console:
 
     def run(self, job: str, **body: object) -> dict:
         """Start a job and wait until it is over. Returns the job as the status has it."""
+        while "compiling" in (self.post("beat")["refusal"] or ""):  # a first start: runs are refused meanwhile
+            time.sleep(BEAT_S)
         status = self.post(f"jobs/{job}", **body)
         while status["job"]["state"] in ACTIVE:
             time.sleep(BEAT_S)
