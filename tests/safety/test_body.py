@@ -29,7 +29,7 @@ def test_the_capsules_are_those_of_the_description_and_reach_to_their_furthest_p
 
 def test_a_base_stands_upright_at_the_origin_unless_told_otherwise():
     assert Base() == Base((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    assert Tool() == Tool((0.1, 0.1, 0.03), 0.03)
+    assert Tool() == Tool((0.1, 0.1, 0.03), 0.03, (0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     np.testing.assert_array_equal(arm_body(Base(), Tool())["base_rotation"], np.eye(3))
 
 

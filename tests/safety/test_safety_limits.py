@@ -153,6 +153,8 @@ def test_of_the_models_limits_and_the_robots_own_the_tighter_one_holds():
     of = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
     limits, differs = within_own(HARDWARE, _own(0.05, of))
     assert len(differs) == 6 * 7
+    first = FR3.limits.q_lower[0]
+    assert differs[0] == f"q_lower of joint 1 is {first + 0.05:g} rad, described as {first:g}"
     tighter, arm = 0.05 * np.maximum(of, 0.0), FR3.limits
     for found, wanted in (
         (limits.q_lower, arm.q_lower + 0.005 + tighter), (limits.q_upper, arm.q_upper - 0.005 - tighter),
@@ -165,8 +167,10 @@ def test_of_the_models_limits_and_the_robots_own_the_tighter_one_holds():
 
 def test_own_limits_that_differ_as_a_file_rounds_are_those_of_the_model():
     for by, differ in ((0.0, 0), (0.9e-4, 0), (1.1e-4, 42)):
-        assert len(within_own(HARDWARE, _own(by, np.ones(7)))[1]) == differ
-        assert len(within_own(HARDWARE, _own(by, -np.ones(7)))[1]) == differ
+        for of in (np.ones(7), -np.ones(7)):
+            limits, said = within_own(HARDWARE, _own(by, of))
+            assert len(said) == differ
+            assert differ or limits == HARDWARE
     for name in ("velocity_offset", "deceleration"):  # both or none: one alone is no velocity limit
         limits, _ = within_own(HARDWARE, replace(_own(0.05, np.ones(7)), **{name: None}))
         assert limits.arm == HARDWARE.arm
