@@ -46,7 +46,7 @@ class FirstUse:
         return self._done
 
     def refusal(self) -> str | None:
-        """Return in a line why no motion begins yet; None where all is compiled, or nobody is at it."""
+        """Return in a line why no motion begins yet; None where all is compiled, or no process is at it."""
         if self.done:
             return None
         if time.monotonic() > self._looked_s + _PERIOD_S:
