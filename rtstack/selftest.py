@@ -156,10 +156,22 @@ def _run(name: str, folder: Path) -> int:
 
 def main() -> int:
     """Run all parts. Returns the exit status."""
+    interrupted, status = False, 0
+
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True  # an exception may be lost within a callback of a library
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
     try:
         refuse_shadows("sim_robot", "console", "deploy")
         with TemporaryDirectory(prefix="selftest-") as folder:
-            return max([_run(name, Path(folder)) for name in PARTS])
+            for name in PARTS:
+                status |= _run(name, Path(folder))
+                if interrupted:
+                    raise KeyboardInterrupt
+        return status
     except KeyboardInterrupt:
         print("interrupted")
         return 130

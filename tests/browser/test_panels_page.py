@@ -203,6 +203,7 @@ def test_a_panel_that_takes_the_keyboard_again_and_again_is_closed_and_stop_work
     stops(stage, lambda: stage.page.keyboard.press("Space"))
 
 
+@pytest.mark.long
 def test_the_page_of_panels_in_both_themes_and_every_window(stage, tmp_path):
     page = stage.page
     wrong = {}

@@ -487,6 +487,7 @@ _PAINTED = """() => {
 }"""
 
 
+@pytest.mark.long
 def test_a_comparison_is_printed_on_one_page_without_the_bar(page):
     open_log(page, "first.mcap")
     page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
@@ -510,6 +511,7 @@ def test_a_comparison_is_printed_on_one_page_without_the_bar(page):
     page.emulate_media(media="screen")
 
 
+@pytest.mark.long
 def test_signals_are_drawn_against_a_signal(page, logs):
     open_log(page, "first.mcap", "?signals=left.tau_J.4,left.pad_force&x=left.q.1&t=1&from=0.5&to=2")
     expect(page.locator("#across")).to_have_value("left.q.1")
@@ -539,6 +541,7 @@ def first_impact_s(log):
     return (next(event.t_ns for event in log.events if event.name == "impact") - log.start_ns) * 1e-9
 
 
+@pytest.mark.long
 def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
     open_log(page, "first.mcap", "?signals=left.tau_J.4,left.force_norm,left.q.1")
     for suffix in ("pdf", "svg", "png", "csv", "mcap"):
@@ -588,6 +591,7 @@ def test_nothing_can_be_pressed_before_it_does_something(page, late):
     page.unroute(late)
 
 
+@pytest.mark.long
 def test_everything_is_reached_by_the_keyboard(page):
     page.click("h1")
     page.keyboard.press("?")

@@ -161,6 +161,7 @@ def test_what_takes_two_arms_or_the_other_one_is_refused_in_one_line(pushed, dem
     assert sorted(path.name for path in tmp_path.iterdir()) == ["left.toml"]
 
 
+@pytest.mark.long
 def test_the_arms_excitation_becomes_its_twin_and_its_friction(tmp_path, command_line, monkeypatch):
     monkeypatch.setattr(sweep, "TONES_S", 4.0)  # 18 s otherwise
     file, log, out = one_arm_file(tmp_path, SIDE), tmp_path / "excited.mcap", tmp_path / "twin"

@@ -70,6 +70,7 @@ def obliging_arms(job_manager):
         thread.join()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(4 * SECONDS + 400)
 def test_no_request_breaks_the_console_and_every_answer_is_as_described(served, demonstration, tmp_path):
     for number in range(2):

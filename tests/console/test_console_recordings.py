@@ -21,6 +21,7 @@ def recorded(served, demonstration):
         yield served, client, headers, row["id"]
 
 
+@pytest.mark.long
 def test_a_recording_is_extracted_again_with_another_time_and_keeps_what_is_said(recorded):
     _, client, headers, log_id = recorded
     first = client.get(f"/api/recordings/{log_id}").json()

@@ -21,6 +21,7 @@ def reference(served, demonstration):
     return entry
 
 
+@pytest.mark.long
 def test_a_trial_is_simulated_in_a_process_of_its_own_and_shown(served, reference):
     with served.signed_in() as (client, headers):
         order = {"reference": reference.id, "object": "rice_box", "displacement_mm": -20.0, "law_inertia": "M"}

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 import tomllib
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +24,7 @@ from hal.robots import robot
 from rtstack.log.reader import read_log
 from rtstack.model.arm_model import flange_pose
 from rtstack.trials.review import log_columns
+from tests.support.wheel import build, copy_sources, install
 
 ROOT = Path(__file__).parents[2]
 TIMEOUT_S = 120.0
@@ -42,30 +42,6 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     take_compiled(folder / "installed", cache)
     own = {"PYTHONPATH": str(folder / "installed"), "PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": str(cache)}
     return os.environ | own
-
-
-def copy_sources(folder: Path) -> None:
-    """Copy the files of the clone from which a wheel is built, as they are now."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    for name in filter(None, listed.split("\0")):
-        if name.startswith(("tests/", "docs/")) or not (ROOT / name).exists():
-            continue
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, folder / name, follow_symlinks=True)
-
-
-def build(source: Path, folder: Path) -> Path:
-    """Build a wheel from a folder into another one, as pip does; return it."""
-    wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
-    subprocess.run([*wheel, "-w", str(folder), str(source)], check=True, timeout=TIMEOUT_S)
-    (file,) = folder.glob("*.whl")
-    return file
-
-
-def install(source: Path, place: Path) -> None:
-    """Build a wheel from a folder, and put what is in it into another one."""
-    with zipfile.ZipFile(build(source, place.with_name(f"{place.name}-wheel"))) as archive:
-        archive.extractall(place)
 
 
 @pytest.fixture(scope="module")

@@ -87,6 +87,7 @@ def test_the_example_gives_the_squeeze_of_a_grab(example: None, demonstration) -
     assert 0.2 < held.value < log.duration_s
 
 
+@pytest.mark.long
 def test_a_terminal_shows_numbers_and_draws_curves(example: None, demonstration, tmp_path: Path) -> None:
     text = rtstack("review", demonstration.path)
     assert (text.returncode, text.stderr) == (0, "")

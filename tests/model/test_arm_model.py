@@ -60,6 +60,7 @@ def test_quaternion_and_back(seed):
     np.testing.assert_allclose(rotation_from_quaternion(q), R, atol=1e-12)
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**31))
 def test_a_moving_frame_has_no_jump_in_its_quaternion(seed):
     """Whole turns about a random axis, that all pass w = 0, from a random rotation."""

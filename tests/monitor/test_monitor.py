@@ -121,6 +121,7 @@ def _tunings(draw, joints):
     )
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(st.data(), st.sampled_from([1, 3, 7]), st.integers(0, 2**32 - 1))
 def test_it_agrees_with_the_plain_one_in_every_tick_of_random_signals(data, joints, seed):

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.deploy.test_wheel import build, copy_sources
+from tests.support.wheel import build, copy_sources
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "examples" / "first_grab.ipynb"

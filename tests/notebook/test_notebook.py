@@ -185,6 +185,7 @@ def test_a_controller_that_cannot_be_made_is_one_line(demonstration):
         rtstack.run_trials(demonstration.path, 2, broken, workers=1)
 
 
+@pytest.mark.long
 def test_a_table_has_rows_means_and_shows_itself(demonstration, tmp_path):
     folder = tmp_path / "logs"
     several = ["proposed", partial(no_interim, impact_later_s=0.0)]

@@ -112,6 +112,7 @@ def _progress(process):
     return psutil.Process(process.pid).children(recursive=True)
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_the_workers_and_keeps_the_rows(script, demonstration):
     process = script(MANY, demonstration.path)
     workers = _progress(process)
@@ -122,6 +123,7 @@ def test_ctrl_c_ends_the_workers_and_keeps_the_rows(script, demonstration):
     assert psutil.wait_procs(workers, timeout=10.0)[1] == []
 
 
+@pytest.mark.long
 def test_workers_end_with_a_process_that_is_killed(script, demonstration):
     process = script(MANY, demonstration.path)
     workers = _progress(process)
@@ -131,6 +133,7 @@ def test_workers_end_with_a_process_that_is_killed(script, demonstration):
     assert psutil.wait_procs(workers, timeout=10.0)[1] == []
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_is_said(script, demonstration):
     process = script(TABLES, demonstration.path, dies=True)
     _, errors = process.communicate(timeout=200)
@@ -138,6 +141,7 @@ def test_a_worker_that_dies_is_said(script, demonstration):
     assert "TrialError: __main__.law, rice_box, -20 mm, seed 1: BrokenProcessPool: A process in the process" in errors
 
 
+@pytest.mark.long
 def test_a_campaign_of_a_class_in_no_module(script, demonstration, tmp_path):
     out = printed(script(CAMPAIGN, demonstration.path, tmp_path))
     assert "2 {} report.html id,lift,controller" in out

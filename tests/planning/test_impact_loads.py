@@ -99,6 +99,7 @@ def test_what_is_predicted_is_what_a_trial_measures(cell, tmp_path, name, speed,
         assert torque[5] == pytest.approx(predicted[side].torque[5], rel=0.4)  # it scatters by 14 %
 
 
+@pytest.mark.long
 def test_a_default_speed_that_is_too_fast_is_lowered_and_one_asked_for_is_refused(tmp_path, capsys):
     text = default_cell_file().read_text()
     cell_file, out = tmp_path / "cell.toml", tmp_path / "plan.mcap"

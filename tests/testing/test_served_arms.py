@@ -47,6 +47,7 @@ def run_tests_of_another(folder: Path, *start: str) -> subprocess.CompletedProce
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120.0)
 
 
+@pytest.mark.long
 def test_a_package_of_others_tests_its_client(tmp_path: Path) -> None:
     done = run_tests_of_another(tmp_path, "-m", "pytest")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -34,6 +34,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_it_is_taught_and_grabbed_with_the_same_option(lab, tmp_path, command_line):
     file = ("--cell-file", lab / "lab.toml")
     taught = command_line("teach", "ref.mcap", "--object", "crate", *file, cwd=tmp_path)

@@ -229,6 +229,7 @@ def test_the_traceback_of_a_law_is_kept_and_printed_where_it_is_asked_for(trial,
     assert kept.splitlines()[-3:] == trial("raises")[0].stderr.rstrip().splitlines()[-3:]
 
 
+@pytest.mark.long
 def test_a_slow_law_is_said_in_event_terminal_and_result(trial) -> None:
     done, path = trial("slow")
     log = read_log(path)

@@ -176,6 +176,7 @@ def test_a_case_is_the_same_again_and_unseen_by_the_tuning_where_it_says_so(stud
     assert {k: v for k, v in again.items() if k not in ours} == {k: v for k, v in first[2].items() if k not in ours}
 
 
+@pytest.mark.long
 def test_a_surface_that_is_inclined_is_hit_by_one_corner_first_and_by_both_in_the_end(study_run):
     study = study_run.study
     plan = plan_case(study, 90.0, 0.3)

@@ -75,6 +75,7 @@ def test_a_slice_ends_in_an_estimate_near_the_prediction(cell, tmp_path):
     assert DIRECTIONS[Motion.HIT_AND_PUSH].arms == (0,)
 
 
+@pytest.mark.long
 def test_a_refused_plan_is_reported_and_does_not_end_the_campaign(cell, tmp_path):
     file = plan_file("impact-map-validation")
     whole = load_validation_plan(file.path)
