@@ -118,3 +118,11 @@ def test_a_cell_has_the_small_forces_unless_its_file_says_otherwise():
     assert limits_of_arms(wide)[1].force_approach_max == 90.0
     with pytest.raises(LimitWidened, match=r"safety.force_approach_max = 300.0: may only tighten, .* at most 250"):
         HARDWARE.tightened({"force_approach_max": 300.0})
+
+
+def test_the_forces_by_phase_are_those_of_their_sources():
+    """libfranka's generate_joint_position_motion.cpp, and ISO/TS 15066:2016, Table A.2; joints 1 to 4 as measured."""
+    assert FORCES_BY_PHASE["tau_ext_approach_max"] == (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
+    assert FORCES_BY_PHASE["tau_ext_contact_max"] == (60.0, 60.0, 60.0, 60.0, 30.0, 30.0, 30.0)
+    assert FORCES_BY_PHASE["force_contact_max"] == 140.0
+    assert FORCES_BY_PHASE["force_approach_max"] == 50.0
